@@ -1,0 +1,22 @@
+"""Physics of thermal images. The map:
+
+errors       InputError: one sentence for bad input
+planck       Eq. 3 and its inverse
+eq1          Eq. 1: the differentiable renderer and the physics loss
+contrast     Eq. 7: what the contrast of a thermal image is made of
+heat_cube    HeatCube
+library      MaterialLibrary (starter: how the shipped one is built from optical constants)
+sky          the spectrum of a clear sky
+environment  Environment, and how it is estimated from a cube
+local        Eq. 6 exactly, pixel by pixel
+semiglobal   Eq. 6 with smoothness of T and m
+distill      the texture that the sky alone lights
+simulator    path-traced cubes with their truth
+"""
+
+from .environment import Environment
+from .errors import InputError
+from .heat_cube import HeatCube
+from .library import MaterialLibrary
+
+__all__ = ["Environment", "HeatCube", "InputError", "MaterialLibrary"]

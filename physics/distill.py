@@ -1,0 +1,52 @@
+"""Texture distillation: what a pixel would look like if only the sky shone on it.
+
+In daylight the sky lights the scene; at night every object does. So, after inverting
+Eq. 1, only the sky's lighting is kept (the paper's section on TeX-SGD),
+
+    X_sky = V_sky S_sky,
+
+and fused with the residual S - S~, which holds the light of true surroundings that
+deviate from the k spectra. Along `Environment.spread` this deviation D = c spread has,
+given the residual, a Gaussian posterior (prior c ~ N(0, I)) with mean
+
+    c = (I + U' U)^-1 U' (S - S~) / sigma,     U = (1 - e) spread' / sigma.
+
+X = V S + D then is the texture. Without sky among the objects X is not daylight, and
+the residual alone (its root mean square in noise units) shows the texture.
+"""
+
+import numpy as np
+
+from .planck import radiance
+
+
+def distill(model, spectra, row, temperature_k, thermal_lighting):
+    """Forward Eq. 1 at an answer, and distil it. For P pixels:
+
+    spectra (P, bands) W m-2 sr-1 um-1; row (P,) hypotheses of the reduced model;
+    temperature_k (P,) K; thermal_lighting (P, k).
+
+    Returns texture X (P, bands) W m-2 sr-1 um-1, sky-lit texture (P,) W m-2 sr-1 um-1 as a
+    band mean (both are zero for sky), and the residual (P,) as a root mean square in noise
+    units, what C explains besides the sensor's noise taken out.
+    """
+    environment, share, e = model.environment, model.sky_share[row, None], model.emissivity[row]
+    texture = thermal_lighting @ environment.radiance
+    rendered = e * radiance(model.wavelength_um, temperature_k[:, None]) + (1 - e) * texture
+    rendered = (1 - share) * rendered
+    if share.any():
+        rendered += share * environment.sky_mean
+    r = (spectra - rendered) / model.sigma
+    u = model.deviation[row]  # (P, bands, d)
+    c = np.linalg.solve(np.eye(u.shape[2]) + u.transpose(0, 2, 1) @ u,
+                        u.transpose(0, 2, 1) @ r[:, :, None])  # fmt: skip
+    residual = np.sqrt(((r - (u @ c)[..., 0]) ** 2).mean(axis=1))
+    texture = texture + c[:, : len(environment.spread), 0] @ environment.spread
+    sky = model.material[row] == model.library.sky_index
+    texture[sky] = 0.0
+    if environment.sky_index is None:
+        return texture, residual, residual
+    lit = thermal_lighting[:, environment.sky_index] * (
+        environment.radiance[environment.sky_index].mean()
+    )
+    return texture, np.where(sky, 0.0, lit), residual

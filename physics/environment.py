@@ -1,0 +1,69 @@
+"""Environment: the k equivalent objects whose light falls on every pixel (Eq. 5)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import InputError
+from .heat_cube import check_wavelength
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """Spectra S_1..S_k of the equivalent environment objects, immutable.
+
+    radiance       (k, bands) W m-2 sr-1 um-1, finite and positive
+    wavelength_um  (bands,) um, ascending
+    sky_index      which object stands for the sky; None: the sky is absent
+    spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
+    error_k        what is left of that deviation in every band, as an NETD: K at 300 K
+    sky_mean       (bands,) mean of the sky's own pixels; radiance[sky_index] if not given, and
+                   None where no sky is in view: then no pixel can be sky
+    sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
+
+    Raises InputError where the data are not that.
+    """
+
+    radiance: np.ndarray
+    wavelength_um: np.ndarray
+    sky_index: int | None = None
+    spread: np.ndarray | None = None
+    error_k: float = 0.0
+    sky_mean: np.ndarray | None = None
+    sky_spread: np.ndarray | None = None
+
+    def __post_init__(self):
+        w = check_wavelength(self.wavelength_um, "environment")
+        s = np.array(self.radiance, dtype=np.float64)
+        if s.ndim != 2 or s.shape[1] != w.size or s.shape[0] == 0:
+            raise InputError(
+                f"environment: radiance must be (k, {w.size} bands) with k >= 1, got {s.shape}."
+            )
+        if not np.isfinite(s).all() or (s <= 0).any():
+            raise InputError("environment: radiance must be finite and positive.")
+        if self.sky_index is not None and not 0 <= self.sky_index < len(s):
+            raise InputError(f"environment: sky_index must be 0..{len(s) - 1} or None.")
+        if not 0 <= self.error_k < 100:
+            raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
+        none = np.zeros((0, w.size))
+        spread = none if self.spread is None else np.array(self.spread, np.float64)
+        sky_spread = none if self.sky_spread is None else np.array(self.sky_spread, np.float64)
+        sky_mean = self.sky_mean
+        if sky_mean is None and self.sky_index is not None:
+            sky_mean = s[self.sky_index]
+        fields = dict(spread=spread, sky_spread=sky_spread)
+        if sky_mean is not None:
+            fields["sky_mean"] = np.array(sky_mean, np.float64)
+        for name, array in fields.items():
+            if array.shape[-1:] != (w.size,) or array.ndim != 2 - (name == "sky_mean"):
+                raise InputError(f"environment: {name} must hold {w.size} bands.")
+            if not np.isfinite(array).all():
+                raise InputError(f"environment: {name} must be finite.")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        s.setflags(write=False)
+        object.__setattr__(self, "radiance", s)
+        object.__setattr__(self, "wavelength_um", w)
+
+    def __len__(self):
+        return len(self.radiance)

@@ -1,0 +1,39 @@
+"""Eq. 1, the renderer that everything else inverts.
+
+    S = e B(T) + (1 - e) X            heat signal           (Eq. 1, Eq. 4)
+    X = V_1 S_1 + ... + V_k S_k       texture               (Eq. 2, Eq. 5)
+
+Arrays here are band-last, so that leading dimensions (pixels, or height and width)
+broadcast. Numpy in, numpy out; torch in, torch out and differentiable in all of
+T, e, V and the environment.
+"""
+
+from .planck import noise_sigma, radiance
+
+
+def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um):
+    """Render heat signal and texture from T, e, V and the environment.
+
+    temperature_k     (...)         K
+    emissivity        (..., bands)  0..1; soft material weights w (..., materials) enter
+                                    as ``w @ library_emissivity``
+    thermal_lighting  (..., k)      V >= 0, summing to 1
+    environment       (k, bands)    S_1..S_k, W m-2 sr-1 um-1
+    wavelength_um     (bands,)      um
+
+    Returns S and X, each (..., bands), W m-2 sr-1 um-1.
+    """
+    texture = thermal_lighting @ environment
+    glow = radiance(wavelength_um, temperature_k[..., None])
+    return emissivity * glow + (1 - emissivity) * texture, texture
+
+
+def physics_loss(
+    measured, temperature_k, emissivity, thermal_lighting, environment, wavelength_um, netd_k
+):
+    """Mean squared residual of Eq. 1 in noise units: 1 where only sensor noise is left.
+
+    measured is (..., bands); the rest is as in `render`; netd_k is in K at 300 K.
+    """
+    rendered, _ = render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um)
+    return (((rendered - measured) / noise_sigma(wavelength_um, netd_k)) ** 2).mean()

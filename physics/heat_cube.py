@@ -1,0 +1,124 @@
+"""HeatCube: what a thermal hyperspectral camera measured, checked once, then trusted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import InputError
+from .planck import brightness_temperature, noise_sigma
+
+
+def check_wavelength(wavelength_um, what):
+    """A validated (n,) float64 wavelength axis in um; InputError says what is wrong."""
+    w = np.array(wavelength_um, dtype=np.float64)
+    if w.ndim != 1 or w.size == 0:
+        raise InputError(f"{what}: wavelengths must be one list of numbers, got shape {w.shape}.")
+    if not np.isfinite(w).all() or (w <= 0).any():
+        raise InputError(f"{what}: wavelengths must be finite and positive.")
+    if w.max() > 100:
+        raise InputError(
+            f"{what}: wavelengths reach {w.max():g}, which looks like nm or cm-1; give them in um."
+        )
+    if (np.diff(w) <= 0).any():
+        raise InputError(f"{what}: wavelengths must ascend without repeats; sort the bands.")
+    w.setflags(write=False)
+    return w
+
+
+@dataclass(frozen=True, eq=False)
+class HeatCube:
+    """A heat cube S, immutable.
+
+    radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive
+    wavelength_um  (bands,) band centres in um, ascending
+    fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
+    netd_k         noise as a temperature difference at 300 K, in K; None if not known
+
+    Raises InputError, in one sentence, where the data are not that.
+    """
+
+    radiance: np.ndarray
+    wavelength_um: np.ndarray
+    fwhm_um: np.ndarray | None = None
+    netd_k: float | None = None
+
+    def __post_init__(self):
+        s = np.array(self.radiance, dtype=np.float32)
+        w = check_wavelength(self.wavelength_um, "cube")
+        if s.ndim != 3 or 0 in s.shape:
+            raise InputError(f"cube: radiance must be (bands, height, width), got {s.shape}.")
+        if s.shape[0] != w.size:
+            raise InputError(
+                f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
+                "give one wavelength per band, bands first."
+            )
+        if not np.isfinite(s).all():
+            raise InputError(
+                f"cube: {np.count_nonzero(~np.isfinite(s))} values are NaN or infinite; "
+                "replace or crop them."
+            )
+        if (s <= 0).any():
+            raise InputError(
+                f"cube: {np.count_nonzero(s <= 0)} radiance values are zero or negative; "
+                "check the calibration and drop dead bands."
+            )
+        width = np.zeros_like(w) if self.fwhm_um is None else np.array(self.fwhm_um, np.float64)
+        if width.shape != w.shape or not np.isfinite(width).all() or (width < 0).any():
+            raise InputError("cube: fwhm_um must hold one width >= 0 in um per band.")
+        if self.netd_k is not None and not 0 < self.netd_k < 100:
+            raise InputError(f"cube: NETD must be between 0 and 100 K, got {self.netd_k}.")
+        s.setflags(write=False)
+        width.setflags(write=False)
+        object.__setattr__(self, "radiance", s)
+        object.__setattr__(self, "wavelength_um", w)
+        object.__setattr__(self, "fwhm_um", width)
+
+    @property
+    def bands(self):
+        return self.radiance.shape[0]
+
+    @property
+    def shape(self):
+        """(height, width)"""
+        return self.radiance.shape[1:]
+
+    @property
+    def spectra(self):
+        """(height * width, bands) float32, one row per pixel, row-major; a view."""
+        return self.radiance.reshape(self.bands, -1).T
+
+    @property
+    def sigma(self):
+        """(bands,) noise standard deviation, W m-2 sr-1 um-1; needs netd_k."""
+        if self.netd_k is None:
+            raise InputError("cube: its NETD is not known; set netd_k or call with_netd().")
+        return noise_sigma(self.wavelength_um, self.netd_k)
+
+    @property
+    def brightness_temperature_k(self):
+        """(height, width) brightness temperature averaged over the bands, in K."""
+        t = brightness_temperature(self.wavelength_um[:, None, None], self.radiance)
+        return t.mean(axis=0)
+
+    def with_netd(self):
+        """This cube, with NETD estimated from its own pixels where it is not known.
+
+        The spectra of a scene fill few dimensions; the smallest principal components of
+        the noise-scaled spectra hold noise alone (their median variance is NETD^2). With
+        fewer than 12 bands no component is free of signal, and the median second
+        difference between neighbours is used, which texture biases upwards.
+        """
+        if self.netd_k is not None:
+            return self
+        scaled = self.radiance / noise_sigma(self.wavelength_um, 1.0)[:, None, None]
+        if self.bands >= 12 and scaled[0].size > 2 * self.bands:
+            step = max(1, scaled[0].size // 20000)
+            variance = np.linalg.eigvalsh(np.cov(scaled.reshape(self.bands, -1)[:, ::step]))
+            netd = np.sqrt(np.median(variance[: self.bands // 2]))
+        elif min(self.shape) >= 3:
+            second = scaled[:, 1:-1] - 0.5 * (scaled[:, :-2] + scaled[:, 2:])
+            netd = np.median(np.abs(second)) / 0.6745 / np.sqrt(1.5)
+        else:
+            raise InputError("cube: its NETD is not known and it is too small to estimate it.")
+        netd = float(np.clip(netd, 1e-3, 99.0))
+        return HeatCube(self.radiance, self.wavelength_um, self.fwhm_um, netd)

@@ -1,0 +1,155 @@
+"""MaterialLibrary: the curves e_m(wavelength) that a scene may be made of.
+
+A library file is JSON:
+
+    {"wavelength_um": [...],
+     "materials": [{"name": "water", "emissivity": [...], "hue_deg": 210,
+                    "albedo_rgb": [r, g, b], "description": "..."}, ...]}
+
+`hue_deg`, `albedo_rgb` and `description` may be left out. The sky is the material
+named "sky"; its curve is 1 - transmittance of the atmosphere towards the zenith.
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from .errors import InputError
+from .heat_cube import check_wavelength
+
+SKY = "sky"
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialLibrary:
+    """Semantic library of spectral emissivities, immutable.
+
+    names          unique names, one per material; "sky" stands for the sky
+    wavelength_um  (n,) in um, ascending
+    emissivity     (materials, n) hemispherical emissivity, 0..1
+    hue_deg        (materials,) TeX-vision hue, 0..360; spread evenly if not given
+    albedo_rgb     (materials, 3) reflectance in visible light, 0..1; 0.4 if not given
+    descriptions   per material: sources and modelling choices; may be empty strings
+
+    Raises InputError where the data are not that.
+    """
+
+    names: tuple[str, ...]
+    wavelength_um: np.ndarray
+    emissivity: np.ndarray
+    hue_deg: np.ndarray | None = None
+    albedo_rgb: np.ndarray | None = None
+    descriptions: tuple[str, ...] | None = None
+
+    def __post_init__(self):
+        names = tuple(str(n) for n in self.names)
+        m = len(names)
+        w = check_wavelength(self.wavelength_um, "library")
+        e = np.array(self.emissivity, dtype=np.float64)
+        if m == 0:
+            raise InputError("library: it holds no material.")
+        if len(set(names)) != m or "" in names:
+            raise InputError("library: material names must be unique and not empty.")
+        if e.shape != (m, w.size):
+            raise InputError(
+                f"library: emissivity must be (materials, wavelengths) = {(m, w.size)}, "
+                f"got {e.shape}."
+            )
+        bad = ~(np.isfinite(e) & (e >= 0) & (e <= 1)).all(axis=1)
+        if bad.any():
+            raise InputError(
+                f"library: emissivity of {names[int(np.argmax(bad))]} leaves 0..1 or is not finite."
+            )
+        hue = np.arange(m) * 360.0 / m if self.hue_deg is None else np.array(self.hue_deg, float)
+        rgb = np.full((m, 3), 0.4) if self.albedo_rgb is None else np.array(self.albedo_rgb, float)
+        text = ("",) * m if self.descriptions is None else tuple(self.descriptions)
+        if hue.shape != (m,) or not np.isfinite(hue).all():
+            raise InputError("library: hue_deg must hold one finite hue per material.")
+        if rgb.shape != (m, 3) or not ((rgb >= 0) & (rgb <= 1)).all():
+            raise InputError("library: albedo_rgb must hold three values in 0..1 per material.")
+        if len(text) != m:
+            raise InputError("library: descriptions must hold one text per material.")
+        for array in (e, hue, rgb):
+            array.setflags(write=False)
+        fields = dict(
+            names=names, wavelength_um=w, emissivity=e,
+            hue_deg=hue, albedo_rgb=rgb, descriptions=text,
+        )  # fmt: skip
+        for key, value in fields.items():
+            object.__setattr__(self, key, value)
+
+    def __len__(self):
+        return len(self.names)
+
+    @property
+    def sky_index(self):
+        """Index of the sky among the materials, or None."""
+        return self.names.index(SKY) if SKY in self.names else None
+
+    def index(self, name):
+        """Index of a material by name; InputError lists the names if it is not there."""
+        if name not in self.names:
+            raise InputError(f"library: no material {name!r}; it holds {', '.join(self.names)}.")
+        return self.names.index(name)
+
+    def subset(self, names):
+        """The library of these materials, in this order."""
+        i = [self.index(n) for n in names]
+        return MaterialLibrary(
+            [self.names[j] for j in i], self.wavelength_um, self.emissivity[i],
+            self.hue_deg[i], self.albedo_rgb[i], [self.descriptions[j] for j in i],
+        )  # fmt: skip
+
+    def at(self, wavelength_um, tolerance_um=0.0):
+        """(materials, n) emissivity at wavelengths in um, linear in between.
+
+        Raises InputError where the library's curves do not reach; up to tolerance_um
+        beyond their ends the last value holds.
+        """
+        w = np.asarray(wavelength_um, dtype=np.float64)
+        low, high = self.wavelength_um[[0, -1]]
+        if w.min() < low - tolerance_um - 1e-9 or w.max() > high + tolerance_um + 1e-9:
+            raise InputError(
+                f"library: its curves cover {low:g}-{high:g} um but the bands need "
+                f"{w.min():g}-{w.max():g} um; drop bands or take another library."
+            )
+        return np.stack([np.interp(w, self.wavelength_um, e) for e in self.emissivity])
+
+    @staticmethod
+    def load(path):
+        """Read a library file (JSON, see the module); InputError says what is wrong."""
+        try:
+            with open(path, encoding="utf-8") as f:
+                data = json.load(f)
+        except OSError as e:
+            raise InputError(f"library: cannot read {path}: {e.strerror}.") from e
+        except ValueError as e:
+            raise InputError(f"library: {path} is not a JSON library file ({e}).") from e
+        return MaterialLibrary._from_json(data, path)
+
+    @staticmethod
+    def _from_json(data, path):
+        try:
+            rows = data["materials"]
+            given = lambda key: [r[key] for r in rows] if all(key in r for r in rows) else None  # noqa: E731
+            return MaterialLibrary(
+                [r["name"] for r in rows], data["wavelength_um"], [r["emissivity"] for r in rows],
+                given("hue_deg"), given("albedo_rgb"), given("description"),
+            )  # fmt: skip
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError) as e:
+            raise InputError(
+                f"library: {path} must hold wavelength_um and materials with name and emissivity "
+                f"({type(e).__name__}: {e})."
+            ) from e
+
+    @staticmethod
+    @cache
+    def starter():
+        """The library that ships with the package; `texnet library rebuild` makes it."""
+        path = files("physics") / "data" / "starter_library.json"
+        return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)

@@ -1,0 +1,212 @@
+"""The reduced forward model: a pixel meets a hypothesis only through r inner products.
+
+A hypothesis is a material m, or m with a share alpha of the pixel looking past it at the
+sky (the rim of a leaf; alpha = 0 for a pure pixel, 1 for the sky itself). Eq. 4 in noise
+units (s = S / sigma) is then linear in V and nonlinear only in the scalar T:
+
+    s~ = alpha S_sky / sigma + (1 - alpha) [e_m B(T) + (1 - e_m) sum_j V_j S_j] / sigma = A u
+    u  = [C_0(tau), ..., C_{n-1}(tau), V_1, ..., V_k],   T = T_mid + T_half tau
+
+because e_m B(T) / sigma is, over the allowed range of T, a Chebyshev series in tau of
+some n = 6..9 terms to 0.005 noise units (C_0 = 1 carries the sky's share). The first n
+columns of A are the series' coefficient spectra, the others the reflected environment.
+With P the inverse noise covariance, the cost of a pixel is
+
+    chi^2 = s' P s - 2 u' h + u' H u,     h = A' P s,     H = A' P A
+
+so that all pixels meet all hypotheses in one matrix product (s -> h, s' P s), and
+everything after that lives in r = n + k dimensions, with no work per band.
+
+The noise is the sensor's (white after division by sigma) plus what the model cannot say:
+true surroundings deviate from the k spectra along `Environment.spread` and by
+`Environment.error_k` in every band, of which m reflects (1 - e_m); the sky's pixels
+scatter about their mean along `Environment.sky_spread`; alpha is known to sigma_alpha:
+
+    C = I + diag((1 - alpha)(1 - e_m) error / sigma)^2 + U U'
+    U = [(1 - alpha)(1 - e_m) spread', alpha sky_spread', sigma_alpha (S_sky - B(T_prior))] / sigma
+
+A mirror is predicted no better than its surroundings are known.
+
+Hypotheses are compared by evidence, not by residual: with Gaussian priors on T and on V
+of the scale of the scene, the Laplace evidence is
+
+    log Z = -chi^2 / 2 - prior terms - occam
+    occam = log det(I + Sigma_prior F) / 2 + log det(C) / 2 - log(prior share)
+
+with F the Fisher information of (T, V). A mirror with free V reproduces any environment
+spectrum; occam is what it pays for having had to tune V. The sky has nothing to tune.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from .bands import quadrature
+from .environment import Environment
+from .heat_cube import HeatCube
+from .library import MaterialLibrary
+from .planck import brightness_temperature, noise_sigma, radiance
+
+SERIES_TOLERANCE = 0.005  # noise units
+MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
+V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
+# share of sky in a mixed pixel, mean and standard deviation, below and above one half
+MIXED_MATERIAL, MIXED_SKY = (0.25, 0.15), (0.75, 0.15)
+MIXED_SHARE = 0.1  # of all pixels, a priori
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """What of (library, environment, bands, noise) does not depend on the pixel.
+
+    For R hypotheses:
+    material       (R,) library index
+    sky_share      (R,) alpha
+    emissivity     (R, bands) band means
+    project        (bands, R, r) s -> h
+    scale          (R, bands) square root of the diagonal part of C's inverse
+    deflate        (bands, R, d) s' P s = |scale s|^2 - |deflate' s|^2
+    deviation      (R, bands, d) U
+    gram           (R, r, r) H, with the prior on V on its diagonal
+    offset         (R, r) what that prior adds to h
+    occam          (R,)
+    terms          n, length of the Chebyshev series;   k, number of environment objects
+    mid_k, half_k  centre and half width of the allowed T range, K
+    prior_mean_k, prior_sigma_k   Gaussian prior on T
+    """
+
+    library: MaterialLibrary
+    environment: Environment
+    wavelength_um: np.ndarray
+    sigma: np.ndarray
+    material: np.ndarray
+    sky_share: np.ndarray
+    emissivity: np.ndarray
+    project: np.ndarray
+    scale: np.ndarray
+    deflate: np.ndarray
+    deviation: np.ndarray
+    gram: np.ndarray
+    offset: np.ndarray
+    occam: np.ndarray
+    terms: int
+    k: int
+    mid_k: float
+    half_k: float
+    prior_mean_k: float
+    prior_sigma_k: float
+
+    def inner_products(self, s, row=slice(None)):
+        """h (P, R, r) and the constant of J (P, R) for noise-scaled spectra s (P, bands).
+
+        row picks hypotheses; a single index drops that axis.
+        """
+        deflate, scale = self.deflate[:, row], self.scale[row]
+        h = np.tensordot(s, self.project[:, row], 1) + self.offset[row]
+        # the last part is that of the prior on V: precision |1/k|^2 = 3 k / k
+        constant = 0.5 * (s * s) @ (scale * scale).T + 0.5 * V_PRECISION
+        return h, constant - 0.5 * (np.tensordot(s, deflate, 1) ** 2).sum(axis=-1)
+
+
+def reduce_model(
+    cube: HeatCube, library: MaterialLibrary, environment: Environment
+) -> ReducedModel:
+    """Build the reduced model for a cube's bands and noise; reads pixels only for the T prior."""
+    w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
+    t = scene_temperatures(cube)
+    prior_mean, prior_sigma = float(np.median(t)), max(MIN_TEMPERATURE_SPREAD_K, float(t.std()))
+    low, high = max(t.min() - 40.0, 60.0), t.max() + 60.0
+    mid, half = 0.5 * (high + low), 0.5 * (high - low)
+
+    material, curve, share, share_sigma, prior = _hypotheses(library, environment)
+    nodes = quadrature(w, cube.fwhm_um)
+    curves = library.at(nodes.ravel(), cube.fwhm_um.max()).reshape(len(library), *nodes.shape)
+    curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
+    emissivity = curves.mean(axis=-1)[curve]
+    series = _planck_series(nodes, curves, sigma, mid, half)[curve]  # (R, n, bands)
+    glass = (1 - share)[:, None] * (1 - emissivity)  # what of the surroundings shows
+    sky_mean = np.zeros(w.size) if environment.sky_mean is None else environment.sky_mean
+
+    # A' and U' by rows: (R, r, bands), (R, d, bands)
+    a = np.concatenate(
+        [(1 - share)[:, None, None] * series, glass[:, None] * environment.radiance / sigma], axis=1
+    )
+    a[:, 0] += share[:, None] * sky_mean / sigma
+    rim = (sky_mean - radiance(w, prior_mean)) / sigma
+    u = np.concatenate(
+        [
+            glass[:, None] * environment.spread / sigma,
+            share[:, None, None] * environment.sky_spread / sigma,
+            share_sigma[:, None, None] * rim,
+        ],
+        axis=1,
+    )
+    error = noise_sigma(w, environment.error_k) / sigma
+    scale = 1 / np.sqrt(1 + (glass * error) ** 2)
+    au, uu = a * scale[:, None], u * scale[:, None]
+
+    # P = scale (I - D D') scale, D = U (I + U'U)^-T/2 (Woodbury)
+    chol = np.linalg.cholesky(np.eye(u.shape[1]) + uu @ uu.transpose(0, 2, 1))
+    d = np.linalg.solve(chol, uu)
+    pa = au - (au @ d.transpose(0, 2, 1)) @ d
+    gram = au @ pa.transpose(0, 2, 1)
+    log_det = 2 * np.log(np.diagonal(chol, axis1=1, axis2=2)).sum(1) - 2 * np.log(scale).sum(1)
+
+    # Fisher information of T and of V along the k - 1 directions that keep its sum
+    terms = series.shape[1]
+    at = (prior_mean - mid) / half
+    tangent = np.zeros((terms + k, k))
+    tangent[:terms, 0] = [
+        chebyshev.chebval(at, chebyshev.chebder(c)) / half for c in np.eye(terms)
+    ]
+    tangent[terms:, 1:] = np.linalg.svd(np.eye(k) - 1.0 / k)[0][:, : k - 1]
+    width = np.array([prior_sigma] + [(V_PRECISION * k) ** -0.5] * (k - 1))
+    fisher = width[:, None] * (tangent.T @ gram @ tangent) * width
+    occam = 0.5 * np.linalg.slogdet(np.eye(k) + fisher)[1] + 0.5 * log_det - np.log(prior)
+
+    v = np.arange(terms, terms + k)
+    gram[:, v, v] += V_PRECISION * k
+    offset = np.zeros((len(material), terms + k))
+    offset[:, v] = V_PRECISION
+    by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))  # noqa: E731
+    return ReducedModel(
+        library, environment, w, sigma, material, share, emissivity,
+        by_band(pa * scale[:, None]), scale, by_band(d * scale[:, None]), u.transpose(0, 2, 1),
+        gram, offset, occam, terms, k, mid, half, prior_mean, prior_sigma,
+    )  # fmt: skip
+
+
+def _hypotheses(library, environment):
+    """Library index, curve index, alpha, sigma_alpha and prior share of every hypothesis."""
+    ground = [m for m in range(len(library)) if m != library.sky_index]
+    if environment.sky_mean is None or library.sky_index is None:
+        n = len(ground)
+        return np.array(ground), np.array(ground), np.zeros(n), np.zeros(n), np.ones(n)
+    black = len(library)
+    pure, mixed = 1 - MIXED_SHARE, MIXED_SHARE
+    rows = [(m, m, 0.0, 0.0, pure) for m in ground]
+    rows += [(m, m, *MIXED_MATERIAL, mixed) for m in ground]
+    rows += [(library.sky_index, black, 1.0, 0.0, pure)]
+    rows += [(library.sky_index, black, *MIXED_SKY, mixed)]
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+
+def scene_temperatures(cube, samples=20000):
+    """(n,) brightness temperatures in K of a regular subsample of pixels."""
+    s = cube.spectra
+    s = s[:: max(1, len(s) // samples)].astype(np.float64)
+    return brightness_temperature(cube.wavelength_um, s).mean(axis=1)
+
+
+def _planck_series(nodes, emissivity, sigma, mid, half):
+    """Chebyshev coefficient spectra (materials, n, bands) of the band mean of e B(T) / sigma."""
+    grid = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
+    b = radiance(nodes, (mid + half * grid)[:, None, None])  # (T, bands, nodes)
+    glow = np.einsum("mbn,tbn->tmb", emissivity, b) / nodes.shape[1] / sigma
+    flat = glow.reshape(len(grid), -1)
+    for degree in range(1, 20):
+        coefficients = chebyshev.chebfit(grid, flat, degree)
+        if np.abs(chebyshev.chebval(grid, coefficients).T - flat).max() < SERIES_TOLERANCE:
+            break
+    return coefficients.reshape(degree + 1, *glow.shape[1:]).transpose(1, 0, 2)

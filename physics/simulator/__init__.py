@@ -1,0 +1,20 @@
+"""Path-traced heat cubes with their truth. The map:
+
+scene       Scene, SceneObject, Camera: what there is
+scene_file  a scene from a JSON file
+geometry    meshes with relief
+presets     ready-made scenes
+trace       light paths, traced once for all bands
+shade       the estimator: paths become radiance and truth
+daylight    the visible picture from the same paths
+sensor      bands of finite width, and noise
+truth       Truth and its file
+simulate    all of it together
+"""
+
+from .scene import Camera, Scene, SceneObject
+from .scene_file import load_scene
+from .simulate import simulate
+from .truth import Truth
+
+__all__ = ["Camera", "Scene", "SceneObject", "Truth", "load_scene", "presets", "simulate"]

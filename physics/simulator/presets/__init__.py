@@ -1,0 +1,36 @@
+"""Scenes by name. The map:
+
+forest     the paper's decomposition scene: bark, foliage, granite, water, soil, grass, sky
+street     an evening street: brick, plaster, glass, asphalt, cars, people
+patches    snow, grass and sand, each of one temperature: texture from relief alone
+patterned  relief and an unrelated temperature pattern on every object
+room       a closed room: no sky
+random     a different scene for every seed, to train on
+"""
+
+from ...errors import InputError
+from .forest import forest
+from .patches import patches
+from .patterned import patterned
+from .random_scene import random_scene
+from .room import room
+from .street import street
+
+PRESETS = {
+    "forest": forest,
+    "street": street,
+    "patches": patches,
+    "patterned": patterned,
+    "room": room,
+    "random": random_scene,
+}
+
+
+def preset(name, seed=0):
+    """The Scene of a preset by name; InputError lists the names if there is none such."""
+    if name not in PRESETS:
+        raise InputError(f"scene: no preset {name!r}; choose from {', '.join(PRESETS)}.")
+    return PRESETS[name](seed)
+
+
+__all__ = ["PRESETS", "preset"]

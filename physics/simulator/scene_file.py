@@ -1,0 +1,178 @@
+"""A scene from a JSON file: meshes by path or simple shapes, each with material and heat.
+
+    {"camera": {"position": [x, y, z], "target": [x, y, z], "fov_deg": 40},
+     "atmosphere": {"air_temperature_k": 288, "water_cm": 1.4, ...},   or null: a closed room
+     "sun_direction": [x, y, z],
+     "objects": [{"name": "rock", "mesh": "rock.obj", "material": "granite",
+                  "translate": [x, y, z], "scale": 1, "rotate_z_deg": 0, "smooth": true,
+                  "temperature_k": 290}]}
+
+camera.position, camera.target, and mesh, material and temperature_k of objects are
+required; without "atmosphere" there is none. An object is scaled, then turned about z,
+then moved. "smooth" (see SceneObject) is true unless given for files and spheres, false
+for the other shapes.
+
+mesh           path of an OBJ, PLY or STL file, relative to the scene file; or one of
+               {"shape": "box", "size": [x, y, z]}, {"shape": "sphere", "radius": r},
+               {"shape": "plane", "size": [x, y]}, {"shape": "cylinder", "radius": r,
+               "height": h}, in m, about the origin (the cylinder along z)
+temperature_k  K: a number; one for each vertex; or {"mean_k": 290, "gradient_k_per_m":
+               [x, y, z], "variation_k": 2, "scale_m": 1, "seed": 0}: a mean at the centre
+               of its vertices, a gradient, and smooth noise of that amplitude and scale
+"""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from ..errors import InputError
+from ..sky import Atmosphere
+from .geometry import value_noise
+from .scene import Camera, Scene, SceneObject
+
+PLANE = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
+
+# shape: its dimensions with how many numbers each has (None: one plain number), and a maker
+SHAPES = {
+    "box": ({"size": 3}, lambda size: trimesh.creation.box(extents=size)),
+    "sphere": (
+        {"radius": None},
+        lambda radius: trimesh.creation.icosphere(subdivisions=4, radius=radius),
+    ),
+    "plane": (
+        {"size": 2},
+        lambda size: trimesh.Trimesh(
+            np.multiply(PLANE, (*size, 0)), [[0, 1, 2], [0, 2, 3]], process=False
+        ),
+    ),
+    "cylinder": (
+        {"radius": None, "height": None},
+        lambda radius, height: trimesh.creation.cylinder(radius, height, sections=64),
+    ),
+}
+
+
+def load_scene(path):
+    """Read a scene file (see the module) -> Scene; InputError says what is wrong."""
+    path = Path(path)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as e:
+        raise InputError(f"scene: cannot read {path}: {e.strerror}.") from e
+    except ValueError as e:
+        raise InputError(f"scene: {path} is not a JSON file ({e}).") from e
+    _keys(data, "the file", ("camera", "objects"), ("atmosphere", "sun_direction", "name"))
+    camera = data["camera"]
+    _keys(camera, "camera", ("position", "target"), ("fov_deg",))
+    if not isinstance(data["objects"], list) or not data["objects"]:
+        raise InputError("scene: 'objects' must list at least one object.")
+    try:
+        lens = Camera(
+            _numbers(camera["position"], 3, "camera position"),
+            _numbers(camera["target"], 3, "camera target"),
+            _numbers(camera.get("fov_deg", 40.0), None, "camera fov_deg"),
+        )
+        sun = {}
+        if "sun_direction" in data:
+            sun["sun_direction"] = _numbers(data["sun_direction"], 3, "sun_direction")
+        atmosphere = data.get("atmosphere")
+        if atmosphere is not None:
+            _keys(atmosphere, "atmosphere", (), tuple(f.name for f in fields(Atmosphere)))
+            atmosphere = Atmosphere(
+                **{k: _numbers(v, None, f"atmosphere {k}") for k, v in atmosphere.items()}
+            )
+        objects = [_object(o, i, path.parent) for i, o in enumerate(data["objects"])]
+        return Scene(objects, lens, atmosphere, name=str(data.get("name", path.stem)), **sun)
+    except InputError as e:
+        raise InputError(f"{str(e).rstrip('.')} (in {path}).") from e
+
+
+def _keys(data, what, required, optional):
+    """InputError unless data is an object with the required and no unknown keys."""
+    if not isinstance(data, dict):
+        raise InputError(f"scene: {what} must be a JSON object.")
+    for key in required:
+        if key not in data:
+            raise InputError(f"scene: {what} lacks {key!r}.")
+    for key in data:
+        if key not in required + optional:
+            known = ", ".join(required + optional)
+            raise InputError(f"scene: {what} has an unknown key {key!r}; it may have {known}.")
+
+
+def _numbers(value, n, what):
+    """A float (n None) or a tuple of n floats, finite; else InputError."""
+    wanted = "a number" if n is None else f"{n} numbers"
+    values = [value] if n is None else value
+    good = isinstance(values, list) and len(values) == (n or 1)
+    good = good and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
+    if not good or not np.isfinite(values).all():
+        raise InputError(f"scene: {what} must be {wanted}, got {value!r}.")
+    return float(value) if n is None else tuple(float(v) for v in value)
+
+
+def _object(data, index, folder):
+    label = f"object {index}"
+    optional = ("name", "translate", "scale", "rotate_z_deg", "smooth")
+    _keys(data, label, ("mesh", "material", "temperature_k"), optional)
+    label = f"object {str(data.get('name', index))!r}"
+    m = _mesh(data["mesh"], label, folder)
+    edged = isinstance(data["mesh"], dict) and data["mesh"]["shape"] != "sphere"
+    smooth = data.get("smooth", not edged)
+    if not isinstance(smooth, bool):
+        raise InputError(f"scene: {label}: smooth must be true or false, got {smooth!r}.")
+    scale = _numbers(data.get("scale", 1.0), None, f"{label} scale")
+    if scale <= 0:
+        raise InputError(f"scene: {label} scale must be positive, got {scale:g}.")
+    turn = np.radians(_numbers(data.get("rotate_z_deg", 0.0), None, f"{label} rotate_z_deg"))
+    place = trimesh.transformations.rotation_matrix(turn, [0, 0, 1])
+    place[:3, :3] *= scale
+    place[:3, 3] = _numbers(data.get("translate", [0, 0, 0]), 3, f"{label} translate")
+    m.apply_transform(place)
+    temperature_k = _temperature(data["temperature_k"], m, label)
+    name = str(data.get("name", f"object {index}"))
+    return SceneObject(m, str(data["material"]), temperature_k, smooth, name)
+
+
+def _mesh(data, label, folder):
+    if isinstance(data, str):
+        file = folder / data
+        if not file.is_file():
+            raise InputError(f"scene: {label}: there is no mesh file {file}.")
+        try:
+            # Vertices stay as the file has them, so that per-vertex temperatures fit.
+            m = trimesh.load(file, force="mesh", process=False)
+        except Exception as e:  # trimesh's readers raise whatever they stumble over
+            raise InputError(f"scene: {label}: cannot read {file} as a mesh ({e}).") from e
+        if not isinstance(m, trimesh.Trimesh) or len(m.faces) == 0:
+            raise InputError(f"scene: {label}: {file} holds no triangles.")
+        return m
+    if not isinstance(data, dict) or data.get("shape") not in SHAPES:
+        shapes = ", ".join(SHAPES)
+        raise InputError(f"scene: {label}: mesh must be a file or have a shape out of {shapes}.")
+    dimensions, make = SHAPES[data["shape"]]
+    _keys(data, f"{label} mesh", ("shape", *dimensions), ())
+    given = {k: _numbers(data[k], n, f"{label} {k}") for k, n in dimensions.items()}
+    if not all(np.min(v) > 0 for v in given.values()):
+        raise InputError(f"scene: {label}: {' and '.join(given)} must be positive.")
+    return make(**given)
+
+
+def _temperature(data, mesh, label):
+    """K: a number, or (vertices,) from a list or a described field."""
+    if not isinstance(data, dict):
+        what = f"{label} temperature_k"
+        return _numbers(data, len(mesh.vertices) if isinstance(data, list) else None, what)
+    optional = ("gradient_k_per_m", "variation_k", "scale_m", "seed")
+    _keys(data, f"{label} temperature_k", ("mean_k",), optional)
+    number = lambda key, default: _numbers(data.get(key, default), None, f"{label} {key}")  # noqa: E731
+    gradient = _numbers(data.get("gradient_k_per_m", [0, 0, 0]), 3, f"{label} gradient_k_per_m")
+    scale_m, seed = number("scale_m", 1.0), number("seed", 0)
+    if scale_m <= 0 or seed < 0 or seed != int(seed):
+        raise InputError(f"scene: {label}: scale_m must be positive and seed an integer >= 0.")
+    v = np.asarray(mesh.vertices)
+    t = number("mean_k", None) + (v - v.mean(axis=0)) @ gradient
+    return t + number("variation_k", 0.0) * value_noise(v, scale_m, int(seed))

@@ -1,0 +1,68 @@
+"""Truth: what is so in every pixel of a simulated cube, and its file.
+
+The file is an npz without pickles whose keys are the field names.
+"""
+
+import os
+import tempfile
+import zipfile
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Ground truth of a simulated cube; float32 unless said.
+
+    A mixed pixel's material is the majority of its samples, and all else but `visible` is
+    the mean over that material's samples. In sky pixels T is the air's, X = 0 and e is
+    S / B(T), so that Eq. 1 holds there too; sky_texture is the sky's own radiance.
+
+    temperature_k   (height, width) K
+    material        (height, width) int16 index into material_names
+    material_names  names, as in the library
+    emissivity      (bands, height, width) e, 0..1
+    texture         (bands, height, width) X, W m-2 sr-1 um-1
+    sky_view        (height, width) V_sky, cosine-weighted part of the hemisphere that is sky
+    sky_texture     (height, width) band mean of X with every emitter but the sky off
+    visible         (height, width, 3) linear RGB daylight picture, about 0..1
+    wavelength_um   (bands,) float64, um
+    """
+
+    temperature_k: np.ndarray
+    material: np.ndarray
+    material_names: tuple[str, ...]
+    emissivity: np.ndarray
+    texture: np.ndarray
+    sky_view: np.ndarray
+    sky_texture: np.ndarray
+    visible: np.ndarray
+    wavelength_um: np.ndarray
+
+    def save(self, path):
+        """Write a compressed npz, whole or not at all."""
+        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        handle, partial = tempfile.mkstemp(
+            dir=os.path.dirname(os.path.abspath(path)), suffix=".partial"
+        )
+        try:
+            with os.fdopen(handle, "wb") as f:
+                np.savez_compressed(f, **arrays)
+            os.replace(partial, path)
+        except BaseException:
+            os.unlink(partial)
+            raise
+
+    @staticmethod
+    def load(path):
+        """Read what `save` wrote; InputError if it is not that."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                arrays = {f.name: data[f.name] for f in fields(Truth)}
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as e:
+            raise InputError(f"truth: cannot read {path} as a truth file ({e}).") from e
+        arrays["material_names"] = tuple(str(n) for n in arrays["material_names"])
+        return Truth(**arrays)

@@ -1,0 +1,88 @@
+"""Arrows point down (DESIGN "Layout and import direction"), and light modules stay light."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+HEAVY = {"torch", "kornia", "matplotlib", "sklearn", "numba", "trimesh", "embreex", "OpenEXR"}
+ABOVE = {
+    "physics": {"texnet", "training", "export", "benchmarks"},
+    "texnet": {"training", "export", "benchmarks"},
+    "training": {"benchmarks"},
+    "export": {"benchmarks"},
+    "benchmarks": set(),
+}
+LIGHT = [
+    "physics/__init__.py", "physics/errors.py", "physics/planck.py", "physics/heat_cube.py",
+    "physics/library.py", "physics/environment.py", "texnet/__init__.py", "texnet/cli.py",
+    "texnet/cube_io.py", "texnet/stretch.py", "texnet/whole_file.py", "texnet/progress.py",
+]  # fmt: skip
+
+
+def imports(path, everywhere):
+    """Absolute names of the modules that a file imports: anywhere, or at module level only."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    found = set()
+    for node in ast.walk(tree) if everywhere else tree.body:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else ()
+            found.add(".".join([*base, *([node.module] if node.module else [])]))
+    return found
+
+
+def tops(path, everywhere=True):
+    return {name.split(".")[0] for name in imports(path, everywhere)}
+
+
+def test_the_reader_of_imports_reads_relative_ones():
+    found = imports(ROOT / "physics" / "simulator" / "scene.py", everywhere=True)
+    assert {"physics.errors", "physics.sky", "numpy", "trimesh"} <= found
+
+
+@pytest.mark.parametrize("layer", ABOVE)
+def test_arrows_point_down(layer):
+    sources = [p for p in (ROOT / layer).rglob("*.py") if p != ROOT / "texnet" / "cli.py"]
+    wrong = {str(p): tops(p) & ABOVE[layer] for p in sources if tops(p) & ABOVE[layer]}
+    assert not wrong
+
+
+@pytest.mark.parametrize("file", LIGHT)
+def test_light_modules_import_nothing_heavy_at_module_level(file):
+    assert not tops(ROOT / file, everywhere=False) & HEAVY
+
+
+def test_the_command_line_starts_without_anything_heavy():
+    code = (
+        "import sys, texnet, texnet.cli\n"
+        "try: texnet.cli.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        f"print('LOADED', sorted({HEAVY!r} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert "decompose" in done.stdout and done.stdout.endswith("LOADED []\n")
+
+
+def test_texnet_offers_the_pipeline_lazily():
+    code = (
+        "import sys, texnet\n"
+        "assert 'torch' not in sys.modules\n"
+        "from texnet import Decomposition\n"
+        "assert callable(texnet.decompose) and callable(texnet.decompose)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_scenes_and_files_never_unpickle():
+    for layer in ABOVE:
+        for path in (ROOT / layer).rglob("*.py"):
+            assert "pickle" not in tops(path), path
+            assert "allow_pickle=True" not in path.read_text(encoding="utf-8"), path

@@ -1,0 +1,190 @@
+"""The command line as a user meets it: exit codes, one sentence, whole files, JSON last."""
+
+import json
+from importlib import import_module
+
+import made_up
+import numpy as np
+import pytest
+
+import texnet.cli
+from physics import MaterialLibrary
+from physics.simulator.truth import Truth
+from texnet.cli import main
+from texnet.cube_io import read_cube, write_cube
+
+
+def run(capfd, *words):
+    """(exit code, stdout, stderr) of one command."""
+    code = main([str(w) for w in words])
+    return code, *capfd.readouterr()
+
+
+def refused(capfd, *words):
+    """The one sentence that the command refuses with."""
+    code, out, err = run(capfd, *words)
+    assert code == 2 and out == ""
+    assert err.startswith("texnet: error: ") and err.count("\n") == 1 and "Traceback" not in err
+    return err
+
+
+@pytest.fixture
+def cube(tmp_path):
+    path = tmp_path / "cube.npz"
+    write_cube(made_up.cube(made_up.truth(8, 9)), path)
+    return path
+
+
+# --- wrong input -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (lambda a: a["radiance"].__setitem__((0, 0, 0), np.nan), "NaN"),
+        (lambda a: a.update(wavelength_um=a["wavelength_um"][:-1]), "6 bands of radiance but 5"),
+        (lambda a: a.update(wavelength_um=1e3 * a["wavelength_um"]), "nm or cm-1"),
+        (lambda a: a.pop("radiance"), "lacks radiance"),
+    ],
+)
+def test_wrong_cubes(capfd, tmp_path, cube, change, sentence):
+    with np.load(cube) as data:
+        arrays = dict(data)
+    change(arrays)
+    np.savez(cube, **arrays)
+    assert sentence in refused(capfd, "decompose", cube, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truncated_exr(capfd, tmp_path):
+    path = tmp_path / "cube.exr"
+    write_cube(made_up.cube(made_up.truth()), path)
+    path.write_bytes(path.read_bytes()[:-500])
+    assert "not a whole OpenEXR file" in refused(
+        capfd, "decompose", path, "--out", tmp_path / "out", "--json"
+    )
+
+
+def test_a_library_that_does_not_cover_the_bands(capfd, tmp_path, cube):
+    rows = [{"name": n, "emissivity": [0.9, 0.95]} for n in ("grass", "sky")]
+    library = tmp_path / "library.json"
+    library.write_text(json.dumps({"wavelength_um": [8.0, 10.0], "materials": rows}))
+    sentence = refused(capfd, "decompose", cube, "--out", tmp_path / "out", "--library", library)
+    assert "cover 8-10 um but the bands need 8-14 um" in sentence
+
+
+def test_wrong_scenes(capfd, tmp_path):
+    out = tmp_path / "cube.exr"
+    scene = tmp_path / "scene.json"
+    for text in ("", "{}", '{"objects": []}', "[]"):
+        scene.write_text(text)
+        assert "scene" in refused(capfd, "simulate", scene, "--out", out)
+    assert "gone.json" in refused(capfd, "simulate", tmp_path / "gone.json", "--out", out)
+    assert "forest" in refused(capfd, "simulate", "no-such-preset", "--out", out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--size", "0x5"], ["--size", "5"], ["--size", "axb"], ["--size", "-3x4"],
+        ["--bands", "0"], ["--bands", "-1"], ["--bands", "2.5"], ["--spp", "0"],
+        ["--netd", "-1"], ["--netd", "nan"], ["--netd", "x"], ["--seed", "-1"],
+        ["--bandz", "3"],
+    ],
+)  # fmt: skip
+def test_wrong_options_of_simulate(capfd, tmp_path, words):
+    assert words[0] in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.exr", *words)
+
+
+@pytest.mark.parametrize("words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "net"]])
+def test_wrong_options_of_decompose(capfd, tmp_path, cube, words):
+    assert words[0] in refused(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
+
+
+def test_wrong_places_are_refused_before_the_work(capfd, tmp_path, cube, monkeypatch):
+    import physics.simulator
+
+    def never(*args, **kwargs):
+        raise AssertionError("worked first, complained later")
+
+    monkeypatch.setattr(physics.simulator, "simulate", never)
+    monkeypatch.setattr(import_module("texnet.pipeline"), "decompose", never)
+    assert "there is no folder" in refused(
+        capfd, "simulate", "forest", "--out", tmp_path / "no" / "cube.exr"
+    )
+    assert "use .exr or .npz" in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.tif")
+    assert "it is a file" in refused(capfd, "decompose", cube, "--out", cube)
+    assert "no file" in refused(capfd, "decompose", tmp_path / "gone.exr", "--out", tmp_path)
+
+
+@pytest.mark.parametrize("words", [[], ["paint"], ["library"], ["library", "paint"], ["decompose"]])
+def test_no_command_or_no_such_command(capfd, words):
+    assert "--help" in refused(capfd, *words)
+
+
+# --- what works --------------------------------------------------------------------------
+
+
+def last_json(out):
+    return json.loads(
+        out.splitlines()[-1], parse_constant=lambda c: pytest.fail(f"{c} is not JSON")
+    )
+
+
+def test_library(capfd):
+    names = MaterialLibrary.starter().names
+    code, out, _ = run(capfd, "library", "list", "--json")
+    assert code == 0 and [m["name"] for m in last_json(out)["materials"]] == list(names)
+    code, out, _ = run(capfd, "library", "show", "water", "--json")
+    shown = last_json(out)
+    assert code == 0 and len(shown["emissivity"]) == len(shown["wavelength_um"]) > 10
+    assert "no material 'cheese'" in refused(capfd, "library", "show", "cheese")
+
+
+def test_ctrl_c(capfd, tmp_path, monkeypatch):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("physics.simulator.simulate", interrupted)
+    code, out, err = run(capfd, "simulate", "forest", "--out", tmp_path / "cube.exr")
+    assert code == 130 and "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_has_no_nan():
+    plain = texnet.cli._plain(
+        {"a": np.float32("nan"), "b": [np.inf, np.int16(3)], "c": (np.bool_(True), None)}
+    )
+    assert json.dumps(plain, allow_nan=False) == '{"a": null, "b": [null, 3], "c": [true, null]}'
+
+
+@pytest.mark.parametrize("suffix, method", [(".exr", "sgd"), (".npz", "local")])
+def test_simulate_then_decompose(capfd, tmp_path, suffix, method):
+    cube, out_dir = tmp_path / f"night{suffix}", tmp_path / "out"
+    code, out, err = run(
+        capfd, "simulate", "forest", "--out", cube, "--bands", 24, "--size", "24x36", "--spp", 16,
+        "--seed", 5, "--json",
+    )  # fmt: skip
+    assert code == 0, err
+    made = last_json(out)
+    assert made["bands"] == 24 and made["size"] == [24, 36]
+    assert {p.name for p in tmp_path.iterdir()} == {cube.name, "night.truth.npz"}
+    assert read_cube(cube).shape == Truth.load(tmp_path / "night.truth.npz").material.shape
+
+    words = ["decompose", cube, "--out", out_dir, "--method", method, "--k", 3, "--json"]
+    code, out, err = run(capfd, *words)
+    assert code == 0, err
+    assert err == "", "no progress bar where stderr is no terminal"
+    answer = last_json(out)
+    assert answer["k"] == 3 and answer["method"] == method
+    assert 0 < answer["metrics"]["material_accuracy"] <= 1
+    assert 250 < answer["temperature_k"]["median"] < 320
+    assert sum(answer["materials"].values()) == pytest.approx(1)
+    assert {p.name for p in out_dir.iterdir()} == {
+        "decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr"
+    }  # fmt: skip
+
+    (tmp_path / "night.truth.npz").unlink()
+    code, out, err = run(capfd, *words)
+    assert code == 0 and last_json(out)["metrics"] is None

@@ -1,0 +1,93 @@
+"""Eq. 1's analytic limits, gradients and Eq. 7."""
+
+import numpy as np
+import torch
+
+from physics.contrast import contrast_terms
+from physics.eq1 import physics_loss, render
+from physics.planck import noise_sigma, radiance
+
+W = np.linspace(8, 14, 9)
+RNG = np.random.default_rng(1)
+
+
+def scene(*shape, k=3):
+    t = RNG.uniform(270, 310, shape)
+    e = RNG.uniform(0.1, 0.99, (*shape, W.size))
+    v = RNG.dirichlet(np.ones(k), shape)
+    env = radiance(W, RNG.uniform(240, 320, (k, 1)))
+    return t, e, v, env
+
+
+def test_black_surface_shows_only_its_glow():
+    t, e, v, env = scene(4, 5)
+    s, _ = render(t, np.ones_like(e), v, env, W)
+    np.testing.assert_allclose(s, radiance(W, t[..., None]), rtol=1e-12)
+
+
+def test_mirror_shows_only_its_surroundings():
+    t, e, v, env = scene(6)
+    s, x = render(t, np.zeros_like(e), v, env, W)
+    np.testing.assert_allclose(s, x, rtol=1e-12)
+
+
+def test_isothermal_enclosure_hides_every_emissivity():
+    _, e, v, _ = scene(50)
+    t = np.full(50, 295.0)
+    env = np.tile(radiance(W, 295.0), (3, 1))
+    np.testing.assert_allclose(render(t, e, v, env, W)[0], radiance(W, t[:, None]), rtol=1e-12)
+
+
+def test_one_hot_lighting_picks_that_object():
+    t, e, _, env = scene(3)
+    _, x = render(t, e, np.eye(3), env, W)
+    np.testing.assert_array_equal(x, env)
+
+
+def test_permuting_the_environment_with_its_lighting_changes_nothing():
+    t, e, v, env = scene(7)
+    p = [2, 0, 1]
+    np.testing.assert_allclose(
+        render(t, e, v, env, W)[0], render(t, e, v[:, p], env[p], W)[0], rtol=1e-13
+    )
+
+
+def test_gradients_in_every_argument():
+    args = [torch.tensor(a, requires_grad=True) for a in scene(2)]
+    w = torch.tensor(W)
+    assert torch.autograd.gradcheck(lambda *a: render(*a, w), args)
+
+
+def test_soft_material_weights_reach_the_library_curve():
+    t, _, v, env = scene(2)
+    library = RNG.uniform(0, 1, (4, W.size))
+    weights = np.eye(4)[[3, 1]]
+    np.testing.assert_allclose(
+        render(t, weights @ library, v, env, W)[0], render(t, library[[3, 1]], v, env, W)[0]
+    )
+
+
+def test_physics_loss_is_one_where_only_noise_is_left():
+    t, e, v, env = (torch.tensor(a) for a in scene(4000))
+    w = torch.tensor(W)
+    s, _ = render(t, e, v, env, w)
+    noisy = s + noise_sigma(w, 0.1) * torch.tensor(RNG.normal(size=s.shape))
+    loss = physics_loss(noisy, t, e, v, env, w, 0.1)
+    n = s.numel()
+    assert abs(float(loss) - 1) < 5 * np.sqrt(2 / n)
+
+
+def test_eq7_terms_add_up_to_the_gradient_of_s():
+    y, x = np.mgrid[0:30, 0:40] / 40.0
+    for step in (1e-3, 1e-4):  # first order: the remainder falls as the square
+        t = 290 + 30 * step * (x + y**2)
+        e = np.stack([0.9 + step * np.sin(3 * x + b) for b in range(W.size)])
+        texture = radiance(W, 280.0)[:, None, None] * (1 + 10 * step * x * y)
+        s = e * radiance(W[:, None, None], t) + (1 - e) * texture
+        terms = contrast_terms(t, e, texture, W)
+        left = np.stack(np.gradient(s, axis=(1, 2))) - sum(terms.values())
+        assert np.abs(left).max() < 50 * step**2
+    only_t = contrast_terms(t, np.broadcast_to(e[:, :1, :1], e.shape),
+                            np.broadcast_to(texture[:, :1, :1], e.shape), W)  # fmt: skip
+    assert not only_t["material"].any() and not only_t["texture"].any()
+    assert only_t["temperature"].any()

@@ -1,0 +1,168 @@
+"""The exact solver against a slow general-purpose one, the Cramer-Rao bound and its limits."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from physics import Environment, HeatCube, MaterialLibrary
+from physics.local import energy_given, solve_given, solve_local
+from physics.planck import radiance, radiance_derivative
+from physics.reduced import reduce_model
+
+
+def solve(p):
+    model = reduce_model(p.cube, p.library, p.environment)
+    return model, solve_local(model, p.cube.spectra)
+
+
+def slow_minimum(model, spectrum, material):
+    """min over T and V on the simplex of J, by SLSQP from several starts, band by band."""
+    k, env, e = model.k, model.environment.radiance, model.emissivity[material]
+
+    def cost(x):
+        t, v = model.prior_mean_k + 10 * x[0], x[1:]
+        r = (e * radiance(model.wavelength_um, t) + (1 - e) * (v @ env) - spectrum) / model.sigma
+        prior_t = ((t - model.prior_mean_k) / model.prior_sigma_k) ** 2
+        return 0.5 * (r @ r + prior_t + 3 * k * ((v - 1 / k) ** 2).sum())
+
+    return min(
+        minimize(
+            cost, np.r_[t, np.full(k, 1 / k)], method="SLSQP",
+            bounds=[(None, None)] + [(0, 1)] * k,
+            constraints={"type": "eq", "fun": lambda x: x[1:].sum() - 1},
+            options={"maxiter": 500, "ftol": 1e-12},
+        ).fun
+        for t in (-1.5, 0.0, 1.5)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("k", [1, 2, 5])
+def test_agrees_with_a_general_purpose_minimiser(make_pixels, k):
+    p = make_pixels(k=k, shape=(2, 3), seed=k)
+    model, local = solve(p)
+    for i, spectrum in enumerate(p.cube.spectra.astype(float)):
+        for material in (p.material[i], 0):
+            ours = local.energy[i, material] - model.occam[material]
+            slow = slow_minimum(model, spectrum, material)
+            # the Chebyshev series is exact to 0.005 noise units per band
+            slack = 0.005 * np.sqrt(54) * np.sqrt(2 * slow) + 1e-2
+            assert ours < slow + slack
+            assert ours > slow - slack
+
+
+def test_temperature_error_meets_the_cramer_rao_bound(make_pixels):
+    p = make_pixels(shape=(60, 60))
+    model, local = solve(p)
+    i = np.arange(len(p.material))
+    z = (local.temperature_k[i, p.material] - p.temperature) / local.sigma_k[i, p.material]
+    n = len(z)
+    assert abs(z.mean()) < 5 / np.sqrt(n)
+    assert z.std() == pytest.approx(1, abs=5 / np.sqrt(2 * n))
+
+
+def test_picks_the_material_and_its_lighting(make_pixels):
+    p = make_pixels(shape=(40, 40), netd=0.01)
+    model, local = solve(p)
+    best = local.energy.argmin(axis=1)
+    assert (best == p.material).mean() > 0.97
+    zero = np.zeros(len(best))
+    _, t, v, _ = solve_given(model, p.cube.spectra, p.material, p.temperature, zero, zero)
+    assert (v >= 0).all()
+    np.testing.assert_allclose(v.sum(axis=1), 1, atol=1e-9)
+    error = np.abs(v @ p.environment.radiance - p.texture).mean()
+    assert error < 0.1 * np.abs(p.texture - p.texture.mean(axis=0)).mean()
+
+
+def test_noiseless_pixel_returns_exactly(make_pixels):
+    p = make_pixels(netd=1e-3, shape=(5, 5))
+    model, local = solve(p)
+    i = np.arange(25)
+    assert np.abs(local.temperature_k[i, p.material] - p.temperature).max() < 0.02
+
+
+def test_permuting_the_library_permutes_the_answer(pixels):
+    order = np.random.default_rng(3).permutation(len(pixels.library))
+    shuffled = pixels.library.subset([pixels.library.names[i] for i in order])
+    _, a = solve(pixels)
+    b = solve_local(
+        reduce_model(pixels.cube, shuffled, pixels.environment), pixels.cube.spectra
+    )
+    np.testing.assert_allclose(a.energy[:, order], b.energy, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(a.temperature_k[:, order], b.temperature_k, atol=1e-3)
+
+
+def test_permuting_the_environment_changes_no_energy(pixels):
+    _, a = solve(pixels)
+    swapped = Environment(pixels.environment.radiance[::-1], pixels.wavelength)
+    b = solve_local(reduce_model(pixels.cube, pixels.library, swapped), pixels.cube.spectra)
+    np.testing.assert_allclose(a.energy, b.energy, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 4])
+@pytest.mark.parametrize("k", [1, 5, 10])
+def test_too_few_bands_still_answer_and_say_so(make_pixels, bands, k):
+    p = make_pixels(bands=bands, k=k, shape=(10, 10))
+    model, local = solve(p)
+    assert np.isfinite(local.energy).all() and np.isfinite(local.temperature_k).all()
+    i = np.arange(100)
+    t, s = local.temperature_k[i, p.material], local.sigma_k[i, p.material]
+    assert (s <= model.prior_sigma_k + 1e-3).all()
+    # an error beyond three of its own sigmas is a false claim of knowledge
+    assert (np.abs(t - p.temperature) < 3 * s + 0.05).mean() > 0.95
+    if bands == 1 and k > 1:  # one number cannot give T and V: sigma is far above the noise's
+        floor = p.cube.netd_k * radiance_derivative(10.0, 300.0) / radiance_derivative(10.0, 280.0)
+        assert (s > 1.5 * floor).all()
+
+
+def test_mirror_cannot_know_its_temperature():
+    w = np.linspace(8, 14, 30)
+    env = Environment(radiance(w, np.array([[270.0], [300.0]])), w)
+    mirror = MaterialLibrary(["mirror", "black"], w, [np.zeros(30), np.ones(30)])
+    cube = HeatCube(radiance(w, 285.0)[:, None, None] * np.ones((30, 2, 2)), w, netd_k=0.05)
+    model = reduce_model(cube, mirror, env)
+    local = solve_local(model, cube.spectra)
+    np.testing.assert_allclose(local.sigma_k[:, 0], model.prior_sigma_k, rtol=1e-3)
+    np.testing.assert_allclose(local.temperature_k[:, 0], model.prior_mean_k, atol=0.1)
+    np.testing.assert_allclose(local.temperature_k[:, 1], 285.0, atol=0.01)
+
+
+def test_evidence_prefers_the_simpler_explanation():
+    """A blackbody pixel that a mirror with free V reproduces as well is called black."""
+    w = np.linspace(8, 14, 54)
+    env = Environment(radiance(w, np.array([[275.0], [295.0]])), w)
+    library = MaterialLibrary(["mirror", "black"], w, [np.full(54, 0.02), np.full(54, 0.999)])
+    cube = HeatCube(radiance(w, 295.0)[:, None, None] * np.ones((54, 3, 3)), w, netd_k=0.05)
+    local = solve_local(reduce_model(cube, library, env), cube.spectra)
+    assert (local.energy.argmin(axis=1) == 1).all()
+
+
+def test_energy_at_an_answer_is_what_the_solver_found(pixels):
+    model, local = solve(pixels)
+    zero = np.zeros(len(pixels.material))
+    args = model, pixels.cube.spectra, pixels.material
+    energy, t, v, sigma = solve_given(*args, pixels.temperature, zero, zero)
+    i = np.arange(len(t))
+    np.testing.assert_allclose(energy, local.energy[i, pixels.material], atol=1e-3)
+    np.testing.assert_allclose(energy_given(*args, t, v), energy, atol=1e-6)
+    # and no nearby T or V is better
+    assert (energy_given(*args, t + 0.01, v) >= energy).all()
+    assert (energy_given(*args, t, 0.99 * v + 0.01 / v.shape[1]) >= energy - 1e-9).all()
+
+
+def test_material_that_reflects_true_deviations_is_not_punished_for_them(make_pixels):
+    """Surroundings off the k spectra along `spread` cost chi^2 unless C_m knows them."""
+    p = make_pixels(shape=(20, 20))
+    direction = 0.05 * radiance(p.wavelength, 290.0) * np.sin(p.wavelength)
+    rng = np.random.default_rng(0)
+    e = p.library.at(p.wavelength)[p.material]
+    off = (1 - e) * rng.normal(size=(len(e), 1)) * direction
+    cube = HeatCube(p.cube.radiance + off.T.reshape(p.cube.radiance.shape), p.wavelength,
+                    netd_k=0.05)  # fmt: skip
+    knows = Environment(p.environment.radiance, p.wavelength, spread=direction[None])
+    i = np.arange(len(e))
+    blind = solve_local(reduce_model(cube, p.library, p.environment), cube.spectra)
+    aware = solve_local(reduce_model(cube, p.library, knows), cube.spectra)
+    right = [(s.energy.argmin(axis=1) == p.material).mean() for s in (blind, aware)]
+    assert right[1] > right[0]
+    z = (aware.temperature_k - p.temperature[:, None])[i, p.material] / aware.sigma_k[i, p.material]
+    assert z.std() == pytest.approx(1, abs=5 / np.sqrt(2 * len(z)))

@@ -1,0 +1,139 @@
+"""Scene files: what they describe is what is built, and every mistake is one sentence."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from physics import InputError
+from physics.simulator import load_scene
+
+ROCK = {
+    "name": "rock", "mesh": "rock.obj", "material": "granite", "temperature_k": 290,
+    "translate": [1, 2, 3], "scale": 2, "rotate_z_deg": 90,
+}  # fmt: skip
+SCENE = {
+    "camera": {"position": [0, -5, 2], "target": [0, 0, 1], "fov_deg": 35},
+    "atmosphere": {"air_temperature_k": 280, "water_cm": 2.0},
+    "sun_direction": [0, 0, 2],
+    "objects": [ROCK],
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    tetrahedron = trimesh.Trimesh(
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]], [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+    )
+    for suffix in ("obj", "ply", "stl"):
+        tetrahedron.export(tmp_path / f"rock.{suffix}")
+
+    def write(change=lambda data: None):
+        data = copy.deepcopy(SCENE)
+        change(data)
+        (tmp_path / "scene.json").write_text(json.dumps(data))
+        return tmp_path / "scene.json"
+
+    return write
+
+
+def with_object(**changes):
+    return lambda data: data["objects"][0].update(changes)
+
+
+def test_a_scene_is_what_its_file_says(write):
+    scene = load_scene(write())
+    (rock,) = scene.objects
+    assert (rock.name, rock.material, rock.smooth, scene.name) == ("rock", "granite", True, "scene")
+    assert (rock.temperature_k == 290).all()
+    # (1, 0, 0) scaled by 2, turned by 90 degrees about z, moved
+    assert np.isclose(rock.mesh.vertices, [1, 4, 3]).all(axis=1).any()
+    assert scene.camera.fov_deg == 35 and scene.camera.position == (0, -5, 2)
+    assert scene.atmosphere.air_temperature_k == 280 and scene.atmosphere.water_cm == 2
+    assert scene.sun_direction == (0, 0, 1)
+    assert load_scene(write(lambda d: d.pop("atmosphere"))).atmosphere is None
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl"])
+def test_mesh_formats(write, suffix):
+    mesh = load_scene(write(with_object(mesh=f"rock.{suffix}", scale=1))).objects[0].mesh
+    assert np.isclose(mesh.volume, 1 / 6)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "area", "smooth"),
+    [
+        ({"shape": "box", "size": [1, 2, 3]}, 22.0, False),
+        ({"shape": "plane", "size": [4, 5]}, 20.0, False),
+        ({"shape": "sphere", "radius": 2}, 16 * np.pi, True),
+        ({"shape": "cylinder", "radius": 1, "height": 3}, 8 * np.pi, False),
+    ],
+)
+def test_shapes(write, mesh, area, smooth):
+    built = load_scene(write(with_object(mesh=mesh, scale=1))).objects[0]
+    assert built.smooth is smooth and np.isclose(built.mesh.area, area, rtol=5e-3)
+
+
+def test_temperature_fields(write):
+    per_vertex = [280, 281, 282, 283]
+    rock = load_scene(write(with_object(temperature_k=per_vertex))).objects[0]
+    assert (rock.temperature_k == per_vertex).all()
+    field = {
+        "mean_k": 290,
+        "gradient_k_per_m": [0, 0, 2],
+        "variation_k": 1,
+        "scale_m": 0.5,
+        "seed": 3,
+    }
+    rock = load_scene(write(with_object(temperature_k=field))).objects[0]
+    z = rock.mesh.vertices[:, 2]
+    rest = rock.temperature_k - 290 - 2 * (z - z.mean())
+    assert 0 < np.abs(rest).max() <= 1
+    again = load_scene(write(with_object(temperature_k=field))).objects[0]
+    np.testing.assert_array_equal(rock.temperature_k, again.temperature_k)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.pop("camera"), "lacks 'camera'"),
+        (lambda d: d.update(objets=[]), "unknown key 'objets'"),
+        (lambda d: d.update(objects=[]), "at least one object"),
+        (lambda d: d["camera"].update(fov=3), "unknown key 'fov'"),
+        (lambda d: d["camera"].update(position=[1, 2]), "position must be 3 numbers"),
+        (lambda d: d["camera"].update(fov_deg="wide"), "fov_deg must be a number"),
+        (lambda d: d["camera"].update(fov_deg=500), "1-150"),
+        (lambda d: d.update(atmosphere={"humidity": 1}), "unknown key 'humidity'"),
+        (lambda d: d.update(atmosphere={"water_cm": 99}), "0-8"),
+        (lambda d: d.update(sun_direction=[0, 0, 0]), "not all zero"),
+        (with_object(mesh="no.obj"), "no mesh file"),
+        (with_object(mesh="scene.json"), "as a mesh|no triangles"),
+        (with_object(mesh={"shape": "torus"}), "box, sphere, plane, cylinder"),
+        (with_object(mesh={"shape": "sphere"}), "lacks 'radius'"),
+        (with_object(mesh={"shape": "sphere", "radius": 0}), "must be positive"),
+        (with_object(mesh={"shape": "box", "size": [1, 2]}), "must be 3 numbers"),
+        (with_object(scale=-1), "scale must be positive"),
+        (with_object(smooth="yes"), "true or false"),
+        (with_object(colour="red"), "unknown key 'colour'"),
+        (with_object(temperature_k=[280, 281]), "must be 4 numbers"),
+        (with_object(temperature_k="hot"), "must be a number"),
+        (with_object(temperature_k={"mean_k": 290, "scale_m": 0}), "scale_m must be positive"),
+        (with_object(temperature_k={"variation_k": 1}), "lacks 'mean_k'"),
+        (with_object(temperature_k=-3), "1-2000"),
+        (with_object(material="sky"), "made of sky"),
+    ],
+)
+def test_mistakes_are_one_sentence(write, change, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_scene(write(change))
+    assert "\n" not in str(caught.value) and str(caught.value).count(". ") == 0
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(InputError, match="cannot read"):
+        load_scene(tmp_path / "none.json")
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(InputError, match="not a JSON file"):
+        load_scene(tmp_path / "bad.json")

@@ -1,0 +1,158 @@
+"""The clear sky: its limits, its monotonicity and the magnitudes that observers report."""
+
+import time
+
+import numpy as np
+import pytest
+
+from physics.errors import InputError
+from physics.planck import brightness_temperature, radiance
+from physics.sky import Atmosphere, air_mass, sky_radiance, zenith_optical_depth
+
+W = np.linspace(7.5, 14.5, 141)
+WINDOW = (W > 10.2) & (W < 12.2)
+COSINES = np.linspace(0, 1, 21)
+CLIMATES = [
+    Atmosphere(262.0, 0.3),
+    Atmosphere(),
+    Atmosphere(300.0, 4.0, 280.0),
+    Atmosphere(310.0, 1.0, 450.0, 800.0),
+]
+
+
+def zenith_brightness(atmosphere):
+    return brightness_temperature(W, sky_radiance(W, [1.0], atmosphere)[0])
+
+
+@pytest.mark.parametrize("atmosphere", CLIMATES)
+def test_no_direction_is_brighter_than_the_air(atmosphere):
+    sky = sky_radiance(W, COSINES, atmosphere)
+    assert sky.shape == (COSINES.size, W.size)
+    assert (sky > 0).all()
+    assert (sky < radiance(W, atmosphere.air_temperature_k)).all()
+
+
+@pytest.mark.parametrize("atmosphere", CLIMATES)
+def test_the_sky_brightens_towards_the_horizon(atmosphere):
+    assert (np.diff(sky_radiance(W, COSINES, atmosphere), axis=0) < 0).all()
+
+
+def test_the_horizon_is_a_blackbody_at_about_air_temperature():
+    humid = Atmosphere(295.0, 2.5)
+    horizon = brightness_temperature(W, sky_radiance(W, [0.0], humid)[0])
+    assert (horizon < 295.0).all()
+    assert (horizon > 292.0).all()
+
+
+def test_below_the_horizon_is_the_horizon():
+    down, horizon = sky_radiance(W, [-0.7, 0.0], Atmosphere())
+    assert np.array_equal(down, horizon)
+
+
+def test_air_mass_is_kasten_and_young():
+    assert air_mass(1.0) == pytest.approx(1.0, abs=1e-9)
+    assert air_mass(0.5) == pytest.approx(1.994, abs=0.002)  # their table, 30 deg elevation
+    assert air_mass(0.0) == pytest.approx(37.9, abs=0.2)
+
+
+def test_without_absorbers_the_sky_is_dark():
+    empty = Atmosphere(water_cm=0.0, ozone_du=0.0, co2_ppm=0.0)
+    assert np.array_equal(zenith_optical_depth(W, empty), np.zeros_like(W))
+    assert np.array_equal(sky_radiance(W, COSINES, empty), np.zeros((COSINES.size, W.size)))
+
+
+def test_an_isothermal_slab_glows_with_one_minus_transmittance():
+    # Water within 2 km of the ground at nearly the air's temperature, seen at 11 um where the
+    # continuum rules: L = (1 - exp(-m tau)) B(T), with T between the air's and 10 K less.
+    slab, w = Atmosphere(290.0, 3.0, 0.0, 0.0), np.array([11.0])
+    tau = zenith_optical_depth(w, slab)
+    for cosine in (1.0, 0.7, 0.5):
+        emissivity = -np.expm1(-air_mass(cosine) * tau)
+        sky = sky_radiance(w, [cosine], slab)[0]
+        assert (sky < emissivity * radiance(w, 290.0)).all()
+        assert (sky > emissivity * radiance(w, 280.0)).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "low", "high"),
+    [("water_cm", 0.5, 2.5), ("ozone_du", 200.0, 400.0), ("co2_ppm", 300.0, 600.0)],
+)
+def test_more_gas_makes_the_sky_more_opaque(field, low, high):
+    thin, thick = (zenith_optical_depth(W, Atmosphere(**{field: v})) for v in (low, high))
+    assert (thick >= thin).all()
+    assert (thick - thin).max() > 0.05
+
+
+def test_more_water_makes_the_window_brighter():
+    columns = [zenith_brightness(Atmosphere(water_cm=v))[WINDOW] for v in (0.2, 0.7, 1.4, 3.0, 5.0)]
+    assert (np.diff(columns, axis=0) > 0).all()
+
+
+def test_every_gas_absorbs_where_its_band_is():
+    def peak(**gas):
+        only = dict(water_cm=0.0, ozone_du=0.0, co2_ppm=0.0) | gas
+        return W[np.argmax(zenith_optical_depth(W, Atmosphere(**only)))]
+
+    assert 9.4 < peak(ozone_du=320.0) < 9.8
+    assert peak(co2_ppm=420.0) == W[-1]  # towards 15 um
+    assert peak(water_cm=0.1) == W[0]  # towards 6.3 um
+
+
+def test_lines_saturate_but_the_continuum_grows_faster_than_its_water():
+    # Band lines: tau ~ sqrt(column); self-broadened continuum: tau ~ column^2.
+    co2 = [zenith_optical_depth([14.5], Atmosphere(288, 0, 0, c))[0] for c in (200, 800)]
+    assert 1.8 < co2[1] / co2[0] < 2.5
+    water = [zenith_optical_depth([11.0], Atmosphere(288, c, 0, 0))[0] for c in (1.0, 4.0)]
+    assert 4 < water[1] / water[0] < 16
+
+
+@pytest.mark.parametrize(
+    ("atmosphere", "low", "high"),
+    [(Atmosphere(275.0, 0.5), 150, 200), (Atmosphere(), 185, 215), (Atmosphere(300, 4), 235, 265)],
+)
+def test_window_brightness_is_what_observers_report(atmosphere, low, high):
+    assert low < zenith_brightness(atmosphere)[WINDOW].mean() < high
+
+
+def test_ozone_stands_out_of_the_window_and_co2_hides_the_sky():
+    t = zenith_brightness(Atmosphere())
+    assert t[(W > 9.4) & (W < 9.8)].mean() > t[(W > 10.2) & (W < 11.2)].mean() + 20
+    assert t[W > 14].min() > 288 - 20
+    assert t[-1] > 288 - 4
+
+
+@pytest.mark.parametrize("atmosphere", CLIMATES[1:])
+def test_downwelling_flux_is_near_brutsaert(atmosphere):
+    # Brutsaert 1975: clear-sky emissivity 1.24 (e / T)^(1/7), e in hPa. Outside 8-14 um the sky
+    # is taken as black, so that the window's deficit is that of the whole spectrum; that leaves
+    # out the driest climate, in which the sky opens at 17-25 um too.
+    t = atmosphere.air_temperature_k
+    w, mu = np.linspace(8, 14, 121), (np.arange(40) + 0.5) / 40
+    flux = 2 * np.pi * (sky_radiance(w, mu, atmosphere) * mu[:, None]).mean(axis=0)
+    emissivity = 1 - np.trapezoid(np.pi * radiance(w, t) - flux, w) / (5.670374e-8 * t**4)
+    vapour = 4.615e-3 * t * atmosphere.water_cm * 10 / 2.0  # hPa, 2 km scale height
+    assert emissivity == pytest.approx(1.24 * (vapour / t) ** (1 / 7), abs=0.08)
+
+
+def test_a_table_is_fast():
+    wavelength, cosines = np.linspace(7.5, 14.5, 100), np.linspace(0, 1, 64)
+    best = np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        sky_radiance(wavelength, cosines, Atmosphere())
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.2
+
+
+@pytest.mark.parametrize(
+    "field", [dict(air_temperature_k=15.0), dict(water_cm=-1.0), dict(ozone_du=float("nan"))]
+)
+def test_a_wrong_atmosphere_is_an_input_error(field):
+    with pytest.raises(InputError, match=next(iter(field))):
+        Atmosphere(**field)
+
+
+@pytest.mark.parametrize("cosines", [[1.5], [[0.5]], [float("nan")]])
+def test_wrong_directions_are_an_input_error(cosines):
+    with pytest.raises(InputError, match="cos_zenith"):
+        sky_radiance(W, cosines, Atmosphere())

@@ -1,0 +1,158 @@
+"""TeX vision means what it shows: hue material, saturation temperature, value texture."""
+
+import colorsys
+from types import SimpleNamespace
+
+import made_up
+import matplotlib.image
+import numpy as np
+import OpenEXR
+import pytest
+
+from physics.errors import InputError
+from texnet.outputs import write_decomposition
+from texnet.stretch import stretch
+from texnet.vision import tex_vision
+
+
+def picture_hsv(d):
+    rgb = tex_vision(d) / 255
+    return np.apply_along_axis(lambda p: colorsys.rgb_to_hsv(*p), 2, rgb)
+
+
+@pytest.fixture
+def answer():
+    return made_up.perfect(made_up.truth())
+
+
+def test_the_picture_is_rgb_bytes(answer):
+    picture = tex_vision(answer)
+    assert picture.shape == (*answer.material.shape, 3) and picture.dtype == np.uint8
+    np.testing.assert_array_equal(picture, tex_vision(answer))
+
+
+def test_hue_follows_the_material_alone(answer):
+    rng = np.random.default_rng(0)
+    answer.temperature_k = rng.uniform(200, 400, answer.material.shape)
+    answer.sky_texture = rng.uniform(0, 10, answer.material.shape)
+    hue = 360 * picture_hsv(answer)[..., 0]
+    off = np.abs((hue - answer.hue_deg[answer.material] + 180) % 360 - 180)
+    assert off.max() < 6, "more than rounding to bytes can explain"
+
+
+def ground_only(answer):
+    answer.material = np.zeros_like(answer.material)
+    return answer
+
+
+def ramp(answer, low, high):
+    return np.linspace(low, high, answer.material.size).reshape(answer.material.shape)
+
+
+def test_value_follows_the_texture_alone(answer):
+    d = ground_only(answer)
+    d.sky_texture = ramp(d, 0.5, 3.0)
+    value = picture_hsv(d)[..., 2].ravel()
+    assert (np.diff(value) >= 0).all() and value[0] < 0.2 and value[-1] > 0.98
+    d.temperature_k = d.temperature_k[::-1]
+    np.testing.assert_allclose(picture_hsv(d)[..., 2].ravel(), value, atol=1 / 255)
+
+
+def test_saturation_follows_the_temperature_alone(answer):
+    d = ground_only(answer)
+    d.temperature_k = ramp(d, 280, 300)
+    d.sky_texture = np.random.default_rng(0).uniform(0, 1, d.material.shape)
+    saturation = picture_hsv(d)[..., 1].ravel()
+    # Dark pixels have few levels per channel: two of 255 on a value of 0.15 or more.
+    assert (saturation >= np.maximum.accumulate(saturation) - 2 / (255 * 0.15)).all()
+    assert saturation[0] < 0.3 and saturation[-1] > 0.7
+
+
+def test_the_sky_is_paler_and_brighter_than_the_ground(answer):
+    hsv = picture_hsv(answer)
+    sky = np.asarray(answer.material_names)[answer.material] == "sky"
+    assert hsv[sky, 1].max() < 0.35 and hsv[sky, 2].min() > 0.8
+    assert hsv[~sky, 1].mean() > hsv[sky, 1].mean() and hsv[~sky, 2].mean() < hsv[sky, 2].mean()
+
+
+def test_one_hot_pixel_does_not_wash_out_the_rest(answer):
+    d = ground_only(answer)
+    d.sky_texture = ramp(d, 0.5, 3.0)
+    before = tex_vision(d)
+    d.sky_texture[0, 0] = 1e6
+    changed = np.abs(tex_vision(d).astype(int) - before)[1:]
+    assert changed.max() < 12
+
+
+def test_stretch():
+    a = np.arange(101.0)
+    np.testing.assert_allclose(stretch(a, None, 10, 90), np.clip((a - 10) / 80, 0, 1))
+    mask = a < 51
+    np.testing.assert_allclose(stretch(a, mask, 0, 100), np.clip(a / 50, 0, 1))
+    assert (stretch(np.ones(5)) == 0.5).all()
+
+
+# --- files -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_truth", [True, False])
+@pytest.mark.parametrize("sky_index", [0, None])
+def test_every_file_is_written(tmp_path, with_truth, sky_index):
+    truth = made_up.truth()
+    d = made_up.perfect(truth)
+    d.sky_index = sky_index
+    paths = write_decomposition(d, made_up.cube(truth), truth if with_truth else None, tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {p.name for p in paths.values()} == {
+        "decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr"
+    }  # fmt: skip
+
+    with np.load(paths["decomposition"], allow_pickle=False) as npz:
+        assert set(npz.files) == set(vars(d)) - {"netd_k", "objective", "seconds"}
+        assert tuple(npz["material_names"]) == d.material_names
+        assert npz["sky_index"] == (-1 if sky_index is None else 0)
+        np.testing.assert_array_equal(npz["temperature_k"], d.temperature_k)
+        np.testing.assert_array_equal(npz["texture"], d.texture)
+    shown = matplotlib.image.imread(paths["tex_vision"])[..., :3]
+    np.testing.assert_array_equal(np.rint(255 * shown), tex_vision(d))
+    for name in ("maps", "comparison"):
+        picture = matplotlib.image.imread(paths[name])
+        assert picture.shape[1] > 1000 and picture[..., :3].std() > 0.05, "an empty figure"
+    with OpenEXR.File(str(paths["maps_exr"]), separate_channels=True) as file:
+        maps = {name: c.pixels for name, c in file.channels().items()}
+    assert {"T", "sigmaT", "material", "V.0", "V.1", "skyTexture"} <= set(maps)
+    np.testing.assert_array_equal(maps["T"], d.temperature_k)
+    np.testing.assert_array_equal(maps["material"], d.material)
+
+
+def test_figures_of_answers_without_sky_or_ground(tmp_path):
+    """One material everywhere, a constant texture, infinite sigma: drawn, without warnings."""
+    truth = made_up.truth()
+    cube = made_up.cube(truth)
+    for i, name in enumerate(made_up.NAMES):
+        d = made_up.perfect(truth)
+        d.material = np.full_like(d.material, i)
+        d.sky_texture = np.ones_like(d.sky_texture)
+        d.temperature_sigma_k = np.full_like(d.temperature_sigma_k, np.inf)
+        write_decomposition(d, cube, truth, tmp_path / name)
+        assert (tmp_path / name / "maps.png").stat().st_size > 1000
+
+
+def test_a_failure_leaves_an_older_answer_as_it_was(tmp_path, monkeypatch):
+    truth = made_up.truth()
+    d, cube, out = made_up.perfect(truth), made_up.cube(truth), tmp_path / "out"
+    write_decomposition(d, cube, truth, out)
+    before = {p.name: p.read_bytes() for p in out.iterdir()}
+    broken = SimpleNamespace(**vars(d) | {"temperature_k": d.temperature_k + 1})
+    monkeypatch.setattr(OpenEXR, "File", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        write_decomposition(broken, cube, truth, out)
+    assert {p.name: p.read_bytes() for p in out.iterdir()} == before
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
+    truth = made_up.truth()
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(InputError, match="it is a file"):
+        write_decomposition(made_up.perfect(truth), made_up.cube(truth), truth, tmp_path / "out")
+    assert (tmp_path / "out").read_text() == "mine"

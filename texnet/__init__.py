@@ -1,0 +1,27 @@
+"""texnet: temperature, emissivity and texture from thermal hyperspectral cubes. The map:
+
+pipeline    the pipeline: HeatCube in, Decomposition out
+cube_io     heat cubes on disk (.exr, .npz)
+outputs     what `texnet decompose` writes
+vision      the TeX-vision picture
+figures     every map with its truth; TeX vision beside today's pictures
+baselines   what people look at today: panchromatic, CLAHE, principal components
+metrics     the one module of metrics
+stretch     the one contrast stretch
+whole_file  a file is written whole or not at all
+progress    a progress bar
+cli         the command line
+"""
+
+__all__ = ["Decomposition", "decompose"]
+
+
+def __getattr__(name):
+    # Lazy, because the pipeline imports torch and the command line must start at once.
+    if name in __all__:
+        from importlib import import_module
+
+        module = import_module(".pipeline", __name__)
+        globals().update({n: getattr(module, n) for n in __all__})
+        return globals()[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,50 @@
+"""What people look at today: the panchromatic image, CLAHE of it, principal components.
+
+Every picture that TeX vision makes is compared with these three.
+"""
+
+import numpy as np
+import torch
+from kornia.enhance import equalize_clahe
+from sklearn.decomposition import PCA
+
+from .stretch import stretch
+
+
+def panchromatic(cube):
+    """The image of a broadband camera: (height, width) float64 radiance, W m-2 sr-1.
+
+    The trapezoid rule over wavelength; a single band counts as 1 um wide.
+    """
+    s = cube.radiance.astype(np.float64)
+    if cube.bands == 1:
+        return s[0]
+    return np.trapezoid(s, cube.wavelength_um, axis=0)
+
+
+def clahe(picture):
+    """Contrast-limited adaptive histogram equalisation (Zuiderveld 1994): (H, W) in 0..1.
+
+    Clip limit 2 over at most 8 x 8 tiles, the usual defaults; tiles of 16 pixels or more.
+    """
+    unit = torch.from_numpy(stretch(picture).astype(np.float32))
+    grid = tuple(max(1, min(8, n // 16)) for n in picture.shape)
+    return equalize_clahe(unit[None, None], clip_limit=2.0, grid_size=grid)[0, 0].numpy()
+
+
+def principal_components(cube):
+    """First three principal components of the spectra: (3, height, width) float64.
+
+    Fitted on at most 20000 evenly spaced pixels. A component's sign is arbitrary; here it
+    is the one that correlates positively with brightness, so that pictures reproduce.
+    Components that the cube has no bands or pixels for are zero.
+    """
+    spectra = cube.spectra.astype(np.float64)
+    sample = spectra[:: max(1, len(spectra) // 20000)]
+    n = min(3, *sample.shape)
+    pca = PCA(n_components=n, svd_solver="full").fit(sample)
+    scores = pca.transform(spectra).T
+    scores *= np.where(pca.components_.sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    out = np.zeros((3, len(spectra)))
+    out[:n] = scores
+    return out.reshape(3, *cube.shape)

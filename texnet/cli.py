@@ -1,0 +1,306 @@
+"""The command line. Every command prints plain words, or with --json one object last.
+
+Wrong input is one sentence on stderr, `texnet: error: ...`, and exit code 2. What a command
+needs is imported inside it, so that `texnet --help` starts at once.
+"""
+
+import argparse
+import json
+import math
+import os
+import re
+import sys
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import numpy as np
+
+from physics.errors import InputError
+
+DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
+
+
+def main(argv=None):
+    """Run one command; returns the exit code: 0, 2 for wrong input, 130 for Ctrl-C."""
+    try:
+        args = _parser().parse_args(argv)
+        text, result = args.run(args)
+        print(text)
+        if args.json:
+            print(json.dumps(_plain(result), allow_nan=False))
+    except BrokenPipeError:  # the reader, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    except (InputError, OSError) as e:  # OSError: a full disk, a read-only folder
+        print(f"texnet: error: {' '.join(str(e).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+# --- the commands: each returns what to say and what --json gives ------------------------
+
+
+def demo(args):
+    with as_file(files("texnet") / "data") as folder:
+        text, result = _decompose(folder / DEMO_CUBE, args.out, library=None, method="sgd", k=5)
+    return text, result | {"command": "demo"}
+
+
+def decompose(args):
+    return _decompose(args.cube, args.out, args.library, args.method, args.k)
+
+
+def simulate(args):
+    from physics.simulator import simulate as trace
+    from physics.simulator.presets import preset
+    from physics.simulator.scene_file import load_scene
+    from physics.simulator.sensor import equidistant_bands
+
+    from .cube_io import check_cube_path, write_cube
+    from .progress import progress_bar
+
+    check_cube_path(args.out)
+    is_file = Path(args.scene).suffix == ".json"
+    scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)
+    wavelength_um, fwhm_um = equidistant_bands(args.bands)
+    with progress_bar() as report:
+        cube, truth = trace(
+            scene, wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=args.size, spp=args.spp,
+            netd_k=args.netd, seed=args.seed, progress=lambda n, of: report(n, of, "simulate"),
+        )  # fmt: skip
+    beside = _truth_path(args.out)
+    truth.save(beside)
+    write_cube(cube, args.out)
+    text = (
+        f"{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels.\n"
+        f"{beside}: its truth."
+    )
+    result = {
+        "command": "simulate", "scene": args.scene, "cube": args.out, "truth": beside,
+        "bands": cube.bands, "size": cube.shape, "spp": args.spp, "netd_k": cube.netd_k,
+        "seed": args.seed,
+    }  # fmt: skip
+    return text, result
+
+
+def library_list(args):
+    library = _starter()
+    mean = library.emissivity.mean(axis=1)
+    lines = [f"{n:24s} mean emissivity {e:.3f}" for n, e in zip(library.names, mean, strict=True)]
+    rows = [{"name": n, "mean_emissivity": e} for n, e in zip(library.names, mean, strict=True)]
+    return "\n".join(lines), {"command": "library list", "materials": rows}
+
+
+def library_show(args):
+    library = _starter()
+    i = library.index(args.name)
+    curve = list(zip(library.wavelength_um, library.emissivity[i], strict=True))
+    step = max(1, len(curve) // 16)
+    lines = [f"{args.name}: {library.descriptions[i]}", "wavelength (um)  emissivity"]
+    lines += [f"{w:15.3f}  {e:.4f}" for w, e in curve[::step]]
+    return "\n".join(lines), {
+        "command": "library show", "name": args.name, "description": library.descriptions[i],
+        "hue_deg": library.hue_deg[i], "wavelength_um": library.wavelength_um,
+        "emissivity": library.emissivity[i],
+    }  # fmt: skip
+
+
+def library_rebuild(args):
+    from .whole_file import check_writable
+
+    check_writable(args.out)
+    from physics import starter
+
+    starter.write(args.out)
+    return f"{args.out}: written.", {"command": "library rebuild", "library": args.out}
+
+
+# --- decompose and demo ------------------------------------------------------------------
+
+
+def _decompose(cube_path, directory, library, method, k):
+    from physics.library import MaterialLibrary
+    from physics.simulator.truth import Truth
+
+    from .cube_io import read_cube
+
+    cube = read_cube(cube_path)
+    library = _starter() if library is None else MaterialLibrary.load(library)
+    beside = _truth_path(cube_path)
+    truth = Truth.load(beside) if beside.exists() else None
+
+    from .metrics import evaluate
+    from .outputs import check_directory, write_decomposition
+    from .pipeline import decompose
+    from .progress import progress_bar
+
+    check_directory(directory)
+    with progress_bar() as report:
+        d = decompose(cube, library, method=method, k=k, progress=report)
+    metrics = None if truth is None else evaluate(d, truth)
+    paths = write_decomposition(d, cube, truth, directory)
+
+    ground = d.temperature_k[np.asarray(d.material_names)[d.material] != "sky"]
+    span = np.percentile(ground, [2, 50, 98]) if ground.size else [math.nan] * 3
+    share = np.bincount(d.material.ravel(), minlength=len(d.material_names)) / d.material.size
+    shares = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
+    result = {
+        "command": "decompose", "cube": cube_path, "method": method, "k": len(d.environment),
+        "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k,
+        "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
+        "materials": shares, "unknown": d.unknown.mean(), "residual": np.median(d.residual),
+        "seconds": d.seconds, "metrics": metrics, "files": paths,
+    }  # fmt: skip
+    return _summary(result), result
+
+
+def _summary(r):
+    t, shown = r["temperature_k"], list(r["materials"].items())[:6]
+    lines = [
+        f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
+        f"NETD {1e3 * r['netd_k']:.0f} mK",
+        f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
+        "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
+        f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
+        f"Time         {sum(r['seconds'].values()):.1f} s",
+    ]
+    if r["metrics"] is not None:
+        m = r["metrics"]
+        lines += [
+            "Against the truth beside the cube:",
+            f"             temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)",
+            f"             {100 * m['material_accuracy']:.1f} % of the pixels get their material",
+            f"             sky-lit texture correlates at {m['texture_correlation']:.2f}",
+        ]
+    lines += ["Files        " + str(r["files"]["tex_vision"]) + "   <- look at this first"]
+    lines += [f"             {p}" for key, p in r["files"].items() if key != "tex_vision"]
+    return "\n".join(lines)
+
+
+def _starter():
+    from physics.library import MaterialLibrary
+
+    return MaterialLibrary.starter()
+
+
+def _truth_path(cube_path):
+    return Path(cube_path).with_suffix(".truth.npz")
+
+
+# --- arguments ---------------------------------------------------------------------------
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise InputError(f"{message} (see {self.prog} --help).")
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser, *_):
+        from importlib.metadata import version  # slow to look up, so only when asked
+
+        print(f"texnet {version('texnet')}")
+        parser.exit()
+
+
+def _parser():
+    common = _Parser(add_help=False)
+    common.add_argument("--json", action="store_true", help="print one JSON object last")
+
+    parser = _Parser(prog="texnet", description="TeX vision from thermal hyperspectral cubes.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+
+    def add(to, name, run, text):
+        command = to.add_parser(name, parents=[common], help=text, description=text)
+        command.set_defaults(run=run)
+        return command
+
+    p = add(commands, "demo", demo, "decompose the packaged night scene and draw the pictures")
+    p.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
+
+    p = add(commands, "simulate", simulate, "path-trace a cube, its truth beside it")
+    p.add_argument("scene", metavar="SCENE", help="name of a preset, or a .json scene file")
+    p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
+    p.add_argument("--bands", metavar="N", type=_integer(1, 1000), default=54, help="default: 54")
+    p.add_argument(
+        "--size", metavar="HxW", type=_size, default=(256, 384), help="pixels, default: 256x384"
+    )
+    p.add_argument(
+        "--spp", metavar="N", type=_integer(1, 100_000), default=64,
+        help="light paths per pixel, default: 64",
+    )  # fmt: skip
+    p.add_argument(
+        "--netd", metavar="K", type=_netd, default=0.05,
+        help="sensor noise in K at 300 K, 0 for none, default: 0.05",
+    )  # fmt: skip
+    p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
+
+    p = add(commands, "decompose", decompose, "decompose a cube into TeX")
+    p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz")
+    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
+    p.add_argument(
+        "--method", choices=("local", "sgd"), default="sgd",
+        help="each pixel by itself, or semi-global (default)",
+    )  # fmt: skip
+    p.add_argument(
+        "--k", metavar="N", type=_integer(1, 10), default=5,
+        help="objects that stand for the environment, 1-10, default: 5",
+    )  # fmt: skip
+
+    p = commands.add_parser("library", help="the starter library of materials")
+    actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
+    add(actions, "list", library_list, "name every material")
+    p = add(actions, "show", library_show, "one material: sources and emissivity")
+    p.add_argument("name", metavar="NAME")
+    p = add(actions, "rebuild", library_rebuild, "compute the table from optical constants")
+    p.add_argument(
+        "--out", metavar="FILE", type=Path,
+        default=files("physics") / "data" / "starter_library.json", help="default: the package's",
+    )  # fmt: skip
+    return parser
+
+
+def _integer(low, high):
+    def parse(text):
+        if not (text.isascii() and text.isdigit() and low <= int(text) <= high):
+            raise argparse.ArgumentTypeError(f"need a whole number {low}-{high}, got {text!r}")
+        return int(text)
+
+    return parse
+
+
+def _size(text):
+    match = re.fullmatch(r"([1-9][0-9]{0,3})x([1-9][0-9]{0,3})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"need HEIGHTxWIDTH such as 256x384, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def _netd(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < 100:
+        raise argparse.ArgumentTypeError(f"need a temperature from 0 to below 100 K, got {text!r}")
+    return value
+
+
+def _plain(value):
+    """The value in JSON's own types; numbers that are not finite become null."""
+    if isinstance(value, dict):
+        return {str(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,228 @@
+"""Heat cubes on disk: spectral OpenEXR and npz, read into and written from a HeatCube.
+
+`.exr`: one float32 channel per band, in the layout of Fichet, Pacanowski and Wilkie, "An
+OpenEXR Layout for Spectral Images" (JCGT 2021): `S0.8055,555556nm` is the emitted radiance
+at 8055.555556 nm. That layout says W m-2 sr-1 but not per what, so three attributes of
+our own complete it:
+
+    texnetSpectralDensity  "um^-1": the radiance is per um of wavelength
+    texnetFwhmUm           one band width in um per band, ascending, space-separated
+    texnetNetdK            NETD in K at 300 K; left out if not known
+
+`.npz`: arrays radiance (bands, height, width) in W m-2 sr-1 um-1, wavelength_um (bands,)
+and, if known, fwhm_um (bands,) and netd_k (a scalar; NaN: not known).
+"""
+
+import io
+import os
+import re
+import zipfile
+import zlib
+from contextlib import contextmanager, redirect_stdout
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from physics.errors import InputError
+from physics.heat_cube import HeatCube
+
+from .whole_file import check_writable, whole_file
+
+# Fichet et al. 2021, as their own library spells it.
+CHANNEL = re.compile(
+    r"^((S([0-3]))|T)\.(\d*,?\d*([Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$"
+)
+EXPONENT = {
+    None: 0, "Y": 24, "Z": 21, "E": 18, "P": 15, "T": 12, "G": 9, "M": 6, "k": 3, "h": 2,
+    "da": 1, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12,
+}  # fmt: skip
+UNITS = "W.m^-2.sr^-1"
+# W m-2 sr-1 per this, times the factor, is W m-2 sr-1 per um.
+PER_UM = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
+SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
+
+
+def read_cube(path):
+    """Read a heat cube from an .exr or .npz file (see the module for their layouts).
+
+    Bands come back ascending, in um and W m-2 sr-1 um-1 whatever the file's own units.
+    Raises InputError if the file is missing, damaged, or leaves its units open.
+    """
+    path = Path(path)
+    read, _ = _format(path)
+    if not path.exists():
+        raise InputError(f"cube: there is no file {path}.")
+    if path.is_dir():
+        raise InputError(f"cube: {path} is a folder, not a cube.")
+    if not os.access(path, os.R_OK):
+        raise InputError(f"cube: {path} may not be read; check its permissions.")
+    return read(path)
+
+
+def write_cube(cube, path):
+    """Write a HeatCube to path, .exr or .npz, whole or not at all."""
+    path = Path(path)
+    _, write = _format(path)
+    with whole_file(path) as part:
+        write(cube, part)
+
+
+def check_cube_path(path):
+    """Raise InputError, before the work, if no cube could be written at path."""
+    _format(Path(path))
+    check_writable(path)
+
+
+def channel_name(wavelength_um):
+    """Fichet's name of a band: S0, decimal comma, nm to six decimals."""
+    return f"S0.{wavelength_um * 1e3:.6f}nm".replace(".", ",").replace("S0,", "S0.")
+
+
+def channel_wavelength_um(name):
+    """Wavelength in um of an emitted-radiance (S0) channel; None for any other channel."""
+    match = CHANNEL.match(name)
+    if match is None or match[3] != "0":
+        return None
+    number, prefix, unit = match[4].replace(",", "."), match[6], match[7]
+    if not any(c in "123456789" for c in re.split("[Ee]", number)[0]):
+        raise InputError(f"cube: channel {name!r} names no wavelength or frequency.")
+    # Decimal, so that 8055,555556nm is read as exactly the float that 8.055555556 is.
+    value = Decimal(number).scaleb(EXPONENT[prefix])
+    return float(value.scaleb(6) if unit == "m" else SPEED_OF_LIGHT_UM / value)
+
+
+def _format(path):
+    if path.suffix.lower() not in _FORMATS:
+        kinds = " or ".join(_FORMATS)
+        raise InputError(f"cube: {path.name} is no cube file that is known here; use {kinds}.")
+    return _FORMATS[path.suffix.lower()]
+
+
+# --- npz ---------------------------------------------------------------------------------
+
+
+def _read_npz(path):
+    try:
+        # Opened here, because np.load leaks the file if it is no whole zip.
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            arrays = {key: data[key] for key in data.files}
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as e:
+        raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+    missing = {"radiance", "wavelength_um"} - arrays.keys()
+    if missing:
+        raise InputError(
+            f"cube: {path} lacks {' and '.join(sorted(missing))}; "
+            f"it holds {', '.join(sorted(arrays)) or 'nothing'}."
+        )
+    used = {k: arrays[k] for k in ("radiance", "wavelength_um", "fwhm_um", "netd_k") if k in arrays}
+    for key, array in used.items():
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"cube: {key} in {path} must be real numbers, not {array.dtype}.")
+    netd = used.pop("netd_k", np.array(np.nan))
+    if netd.size != 1:
+        raise InputError(f"cube: netd_k in {path} must be one number, got shape {netd.shape}.")
+    netd = netd.item()
+    return HeatCube(**used, netd_k=None if np.isnan(netd) else netd)
+
+
+def _write_npz(cube, path):
+    np.savez(
+        path,
+        radiance=cube.radiance,
+        wavelength_um=cube.wavelength_um,
+        fwhm_um=cube.fwhm_um,
+        netd_k=np.nan if cube.netd_k is None else cube.netd_k,
+    )
+
+
+# --- spectral OpenEXR --------------------------------------------------------------------
+
+
+@contextmanager
+def _quiet_library():
+    """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's)."""
+    saved, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(null)
+
+
+def _read_exr(path):
+    import OpenEXR
+
+    try:
+        with _quiet_library(), OpenEXR.File(str(path), separate_channels=True) as file:
+            header = dict(file.header())
+            pixels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
+    except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:
+        raise InputError(f"cube: {path} is not a whole OpenEXR file.") from e
+
+    bands = {name: w for name in pixels if (w := channel_wavelength_um(name)) is not None}
+    if not bands:
+        raise InputError(
+            f"cube: {path} has no spectral channels such as S0.8000,0nm; "
+            f"it holds {', '.join(sorted(pixels)) or 'nothing'}."
+        )
+    names = sorted(bands, key=bands.get)
+    if len({pixels[name].shape for name in names}) > 1:
+        raise InputError(f"cube: the bands of {path} differ in size (subsampled channels).")
+    return HeatCube(
+        np.stack([pixels[name] for name in names]) * np.float32(_to_per_um(header, path)),
+        [bands[name] for name in names],
+        _numbers(header.get("texnetFwhmUm"), "texnetFwhmUm", path),
+        (_numbers(header.get("texnetNetdK"), "texnetNetdK", path) or [None])[0],
+    )
+
+
+def _write_exr(cube, path):
+    import OpenEXR
+
+    channels = {channel_name(w): s for w, s in zip(cube.wavelength_um, cube.radiance, strict=True)}
+    if len(channels) < cube.bands:
+        raise InputError("cube: bands closer than 1e-6 nm cannot be told apart in an .exr file.")
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "spectralLayoutVersion": "1.0",
+        "emissiveUnits": UNITS,
+        "texnetSpectralDensity": "um^-1",
+        # As text, because a float attribute holds 32 bits and these are 64.
+        "texnetFwhmUm": " ".join(repr(float(w)) for w in cube.fwhm_um),
+    }
+    if cube.netd_k is not None:
+        header["texnetNetdK"] = repr(float(cube.netd_k))
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+
+
+def _to_per_um(header, path):
+    """Factor from the file's radiance to W m-2 sr-1 um-1; InputError if it is not said."""
+    units = str(header.get("emissiveUnits", "")).replace("\u00b5", "u").replace("\u03bc", "u")
+    density = header.get("texnetSpectralDensity")
+    if units == UNITS and density == "um^-1":
+        return 1.0
+    if density is None and units.startswith(UNITS) and units[len(UNITS) :] in PER_UM:
+        return PER_UM[units[len(UNITS) :]]
+    raise InputError(
+        f"cube: {path} does not say per what unit of wavelength its radiance is "
+        f"(emissiveUnits is {units!r}); set emissiveUnits to {UNITS}.um^-1, .nm^-1 or .m^-1."
+    )
+
+
+def _numbers(text, attribute, path):
+    """The numbers of one of our text attributes; None if the file lacks it."""
+    if text is None:
+        return None
+    try:
+        return [float(word) for word in str(text).split()]
+    except ValueError as e:
+        raise InputError(f"cube: {attribute} of {path} must hold numbers, got {text!r}.") from e
+
+
+_FORMATS = {".exr": (_read_exr, _write_exr), ".npz": (_read_npz, _write_npz)}

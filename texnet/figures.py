@@ -1,0 +1,205 @@
+"""The two figures of a decomposition: every map with its truth, and TeX vision beside today's.
+
+Colour maps keep their order for colour-blind readers; a value and its truth share one scale.
+"""
+
+import numpy as np
+from kornia.color import hsv_to_rgb, linear_rgb_to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from torch import tensor
+
+from .baselines import clahe, panchromatic, principal_components
+from .metrics import correlation, non_sky
+from .stretch import stretch
+from .vision import tex_vision
+from .whole_file import whole_file
+
+PANEL_INCHES = 2.4
+DPI = 130
+TITLE, LABEL, SMALL = 11, 9, 8  # points: legible when a page scales the figure down
+ERROR_MAP = "RdBu_r"
+RADIANCE = "W/m²/sr/µm"
+
+
+def maps_figure(decomposition, truth, path):
+    """Draw every map of a Decomposition, with units and colour bars, into a png file.
+
+    truth  a Truth: its maps and the errors follow in a second and third row; None: without
+
+    Sky pixels have no temperature and no texture; there the maps are blank.
+    """
+    d, ground = decomposition, non_sky(decomposition)
+    fields = [  # title, colour map, picture
+        ("temperature (K)", "magma", _on(ground, d.temperature_k)),
+        _lighting(d, ground),
+        (f"texture X ({RADIANCE})", "cividis", _on(ground, d.texture.mean(axis=0))),
+        (_texture_title(d), "gray", _on(ground, d.sky_texture)),
+    ]
+    own = [
+        ("sigma of T (K)", "viridis", _on(ground, d.temperature_sigma_k)),
+        ("residual (noise units)", "viridis", d.residual),
+        (f"unknown ({100 * d.unknown.mean():.1f} %, white)", "gray", d.unknown),
+    ]
+    if truth is None:
+        fig, axes = _panels(2, 4, d.residual.shape)
+        _show_materials(axes[0, 0], "material", d, d)
+        for ax, (title, cmap, picture) in zip(axes.flat[1:], fields + own, strict=True):
+            _show(ax, title, cmap, picture, _span(picture))
+    else:
+        seen = non_sky(truth)
+        true = [truth.temperature_k, truth.sky_view, truth.texture.mean(axis=0), truth.sky_texture]
+        fig, axes = _panels(3, 6, d.residual.shape)
+        _show_materials(axes[0, 0], "material", d, d)
+        _show_materials(axes[1, 0], "truth", truth, d)
+        wrong = _names(d) != _names(truth)
+        _show(axes[2, 0], f"wrong ({100 * wrong.mean():.1f} %, white)", "gray", wrong, (0, 1))
+        for column, field, t in zip(axes.T[1:5], fields, true, strict=True):
+            _compare(column, *field, _on(seen, t))
+        for ax, (title, cmap, picture) in zip(axes[:, 5], own, strict=True):
+            _show(ax, title, cmap, picture, _span(picture))
+    _save(fig, path)
+
+
+def comparison_figure(decomposition, cube, truth, path):
+    """Draw raw thermal, CLAHE, principal components and TeX vision side by side into a png.
+
+    truth  a Truth: the visible picture follows, and under each picture its correlation with
+           the true sky-lit texture. A baseline's sign is arbitrary, so its magnitude counts,
+           of three components the best; TeX vision's sign is not. None: without
+    """
+    d = decomposition
+    raw = panchromatic(cube)
+    equalised = clahe(raw)
+    components = principal_components(cube)
+    as_rgb = np.stack([stretch(c) for c in components], axis=-1)
+
+    def match(p):
+        return 0.0 if truth is None else correlation(p, truth.sky_texture, non_sky(truth))
+
+    pictures = [  # title, picture, its texture correlation
+        ("thermal, all bands", np.repeat(stretch(raw)[..., None], 3, -1), abs(match(raw))),
+        ("CLAHE of it", np.repeat(equalised[..., None], 3, -1), abs(match(equalised))),
+        ("3 principal components", as_rgb, max(abs(match(c)) for c in components)),
+        ("TeX vision", tex_vision(d), match(d.sky_texture)),
+    ]
+    fig, axes = _panels(1, 4 if truth is None else 5, cube.shape)
+    for ax, (title, picture, r) in zip(axes[0], pictures, strict=False):
+        _bare(ax, title)
+        ax.imshow(picture)
+        if truth is not None:
+            ax.set_xlabel(f"texture correlation {r:.2f}", fontsize=LABEL)
+    if truth is not None:
+        _bare(axes[0, 4], "the same by day (truth)")
+        axes[0, 4].imshow(daylight_srgb(truth))
+    _save(fig, path)
+
+
+def daylight_srgb(truth):
+    """The linear daylight picture of a Truth as (height, width, 3) sRGB in 0..1.
+
+    Exposed so that its 99th percentile is white.
+    """
+    linear = truth.visible / max(np.percentile(truth.visible, 99), 1e-6)
+    return linear_rgb_to_rgb(tensor(np.clip(linear, 0, 1)).movedim(-1, 0)).movedim(0, -1).numpy()
+
+
+# --- what the maps show ------------------------------------------------------------------
+
+
+def _on(mask, picture):
+    return np.where(mask, picture, np.nan)
+
+
+def _names(answer):
+    return np.asarray(answer.material_names)[answer.material]
+
+
+def _lighting(d, ground):
+    """The lighting factor of the sky; without a sky, of each pixel's strongest object."""
+    if d.sky_index is None:
+        return "largest lighting factor V", "viridis", _on(ground, d.thermal_lighting.max(axis=0))
+    return "lighting by the sky V", "viridis", _on(ground, d.thermal_lighting[d.sky_index])
+
+
+def _texture_title(d):
+    # Without a sky the pipeline shows the residual instead (physics.distill).
+    if d.sky_index is None:
+        return "residual texture (noise units)"
+    return f"sky-lit X ({RADIANCE})"
+
+
+def _span(*pictures):
+    """Limits that hold all but the outermost 2 % of the finite values."""
+    values = np.concatenate([np.ravel(p) for p in pictures]).astype(float)
+    values = values[np.isfinite(values)]
+    low, high = np.percentile(values, [1, 99]) if values.size else (0.0, 1.0)
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _compare(column, title, cmap, estimate, truth):
+    span = _span(estimate, truth)
+    _show(column[0], title, cmap, estimate, span)
+    _show(column[1], "truth", cmap, truth, span)
+    error = estimate - truth
+    finite = np.abs(error[np.isfinite(error)])
+    limit = (np.percentile(finite, 98) if finite.size else 0.0) or 1.0
+    _show(column[2], "estimate - truth", ERROR_MAP, error, (-limit, limit))
+
+
+# --- drawing -----------------------------------------------------------------------------
+
+
+def _panels(rows, columns, shape):
+    # A figure of our own instead of pyplot's: no global state, no display, no leak.
+    height = PANEL_INCHES * min(max(shape[0] / shape[1], 0.4), 2.0)
+    size = (columns * (PANEL_INCHES + 0.5), rows * (height + 0.6) + 0.6)
+    fig = Figure(figsize=size, layout="constrained", dpi=DPI)
+    fig.get_layout_engine().set(h_pad=0.08, w_pad=0.04)
+    return fig, fig.subplots(rows, columns, squeeze=False)
+
+
+def _bare(ax, title):
+    ax.set_title(title, fontsize=TITLE)
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.set_facecolor("0.85")
+
+
+def _show(ax, title, cmap, picture, span):
+    _bare(ax, title)
+    image = ax.imshow(picture, cmap=cmap, vmin=span[0], vmax=span[1], interpolation="nearest")
+    if picture.dtype != bool:
+        bar = ax.figure.colorbar(image, ax=ax, shrink=0.9, pad=0.02)
+        bar.ax.tick_params(labelsize=SMALL)
+
+
+def _show_materials(ax, title, answer, decomposition):
+    """A material map in the hues of TeX vision; materials outside the library are grey."""
+    _bare(ax, title)
+    hues = dict(zip(decomposition.material_names, decomposition.hue_deg, strict=True))
+    colours = {
+        name: _colour(hues[name]) if name in hues else (0.5, 0.5, 0.5)
+        for name in answer.material_names
+    }
+    ax.imshow(
+        np.array([colours[n] for n in answer.material_names])[answer.material],
+        interpolation="nearest",
+    )
+    present = np.bincount(answer.material.ravel(), minlength=len(answer.material_names))
+    named = [answer.material_names[i] for i in np.argsort(-present) if present[i]]
+    ax.legend(
+        handles=[Patch(color=colours[n], label=n) for n in named[:8]],
+        fontsize=SMALL, ncols=2, columnspacing=1.0, handlelength=1.2, loc="upper center",
+        bbox_to_anchor=(0.5, 0.0), frameon=False,
+    )  # fmt: skip
+
+
+def _colour(hue_deg):
+    hsv = tensor([np.deg2rad(hue_deg % 360), 0.65, 0.85]).reshape(3, 1, 1)
+    return tuple(hsv_to_rgb(hsv).flatten().tolist())
+
+
+def _save(fig, path):
+    with whole_file(path) as part:
+        fig.savefig(part, bbox_inches="tight", pad_inches=0.08)

@@ -1,0 +1,145 @@
+"""The one module of metrics: how far a decomposition is from the simulator's truth.
+
+Materials are matched by name, so the order of a library never matters. "Non-sky" is what
+the truth calls non-sky: there alone temperature and texture have a meaning.
+"""
+
+import numpy as np
+import torch
+from kornia.metrics import ssim
+
+from physics.errors import InputError
+from physics.library import SKY
+
+from .stretch import stretch
+
+PROBABILITY_FLOOR = 1e-6  # one confident error costs 13.8 nats, not infinity
+SSIM_WINDOW = 11
+
+
+def evaluate(decomposition, truth):
+    """Every metric of a Decomposition against a Truth of the same scene, as floats.
+
+    temperature_rmse_k, temperature_mae_k   K, non-sky
+    material_accuracy       fraction of all pixels
+    mean_iou                intersection over union, averaged over the materials in the truth
+    cross_entropy           mean -ln p(true material), all pixels, p floored at 1e-6; a
+                            material that the library lacks has p = 0
+    texture_mse_per_band    (W m-2 sr-1 um-1)^2, non-sky, squared error over all bands
+                            divided by their number
+    texture_correlation, texture_gradient_correlation, texture_ssim
+                            the sky-lit texture, see texture_scores
+    within_1_sigma, within_2_sigma
+                            fraction of non-sky |T error| within its own 1 and 2 sigma;
+                            0.683 and 0.954 if calibrated
+    abstention              fraction of all pixels marked unknown
+    accuracy_answered       material accuracy of the others
+
+    NaN where there is no pixel to average. Raises InputError if the sizes differ.
+    """
+    d = decomposition
+    if d.texture.shape != truth.texture.shape:
+        raise InputError(
+            f"metrics: the cube has {d.texture.shape} bands, height, width "
+            f"but its truth {truth.texture.shape}."
+        )
+    ground = non_sky(truth)
+    predicted, true = _matched(d, truth)
+    error = (d.temperature_k - truth.temperature_k)[ground].astype(np.float64)
+    sigma = d.temperature_sigma_k[ground]
+    right = predicted == true
+    scores = texture_scores(d.sky_texture, truth)
+    return {
+        "temperature_rmse_k": float(np.sqrt(_mean(error**2))),
+        "temperature_mae_k": _mean(np.abs(error)),
+        "material_accuracy": _mean(right),
+        "mean_iou": _mean([_iou(predicted == m, true == m) for m in np.unique(true)]),
+        "cross_entropy": _mean(-np.log(_true_probability(d, true))),
+        "texture_mse_per_band": _mean(
+            (d.texture[:, ground].astype(np.float64) - truth.texture[:, ground]) ** 2
+        ),
+        "texture_correlation": scores["correlation"],
+        "texture_gradient_correlation": scores["gradient_correlation"],
+        "texture_ssim": scores["ssim"],
+        "within_1_sigma": _mean(np.abs(error) <= sigma),
+        "within_2_sigma": _mean(np.abs(error) <= 2 * sigma),
+        "abstention": _mean(d.unknown),
+        "accuracy_answered": _mean(right[~d.unknown]),
+    }
+
+
+def texture_scores(picture, truth):
+    """How much of the true sky-lit texture a (height, width) picture shows, non-sky.
+
+    correlation           Pearson, blind to brightness and contrast
+    gradient_correlation  Pearson of the differences between neighbours, down and across,
+                          where both are non-sky: edges instead of areas
+    ssim                  structural similarity (Wang et al. 2004), both pictures stretched
+                          to 0..1; NaN below 11 x 11 pixels, the size of its window
+    """
+    ground = non_sky(truth)
+    picture, texture = (np.asarray(a, dtype=np.float64) for a in (picture, truth.sky_texture))
+    return {
+        "correlation": correlation(picture, texture, ground),
+        "gradient_correlation": correlation(
+            _differences(picture),
+            _differences(texture),
+            np.concatenate(
+                [(ground[1:] & ground[:-1]).ravel(), (ground[:, 1:] & ground[:, :-1]).ravel()]
+            ),
+        ),
+        "ssim": _ssim(picture, texture, ground),
+    }
+
+
+def correlation(a, b, mask):
+    """Pearson correlation of two arrays over mask; 0 if either is constant there."""
+    a, b = (np.asarray(x, dtype=np.float64)[mask] for x in (a, b))
+    if a.size == 0 or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return 0.0
+    a, b = a - a.mean(), b - b.mean()
+    return float((a @ b) / np.sqrt((a @ a) * (b @ b)))
+
+
+def non_sky(answer):
+    """(height, width) bool: pixels whose material, in a Truth or Decomposition, is not sky."""
+    return np.asarray(answer.material_names)[answer.material] != SKY
+
+
+def _mean(values):
+    values = np.asarray(values, dtype=np.float64)
+    return float(values.mean()) if values.size else float("nan")
+
+
+def _matched(decomposition, truth):
+    """Both material maps as indices into one list of names: the library's, then the rest."""
+    names = list(decomposition.material_names)
+    names += [n for n in truth.material_names if n not in names]
+    to_common = np.array([names.index(n) for n in truth.material_names])
+    return np.asarray(decomposition.material), to_common[truth.material]
+
+
+def _true_probability(decomposition, true):
+    p = decomposition.material_probability
+    known = true < len(p)
+    p_true = np.take_along_axis(p, np.where(known, true, 0)[None], axis=0)[0]
+    return np.maximum(np.where(known, p_true, 0.0), PROBABILITY_FLOOR)
+
+
+def _iou(a, b):
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+def _differences(picture):
+    return np.concatenate([np.diff(picture, axis=0).ravel(), np.diff(picture, axis=1).ravel()])
+
+
+def _ssim(picture, texture, ground):
+    if min(ground.shape) < SSIM_WINDOW or not ground.any():
+        return float("nan")
+    # The sky counts as black in both, so it neither helps nor hurts except at its edge.
+    a, b = (
+        torch.from_numpy(np.where(ground, stretch(x, ground), 0.0))[None, None]
+        for x in (picture, texture)
+    )
+    return _mean(ssim(a, b, SSIM_WINDOW)[0, 0].numpy()[ground])

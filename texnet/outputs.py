@@ -1,0 +1,98 @@
+"""What `texnet decompose` leaves in its folder: the numbers, the pictures, the maps.
+
+    decomposition.npz  every array, the keys as in NPZ_KEYS
+    tex_vision.png     the TeX-vision picture, pixel for pixel
+    maps.png           every map with its units (and truth and error where truth is known)
+    comparison.png     TeX vision beside what people look at today
+    maps.exr           T (K), sigmaT (K), material (index), unknown (0, 1), residual (noise
+                       units), skyTexture (W m-2 sr-1 um-1), V.0 ... V.<k-1>; float32
+"""
+
+import os
+import tempfile
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+
+from physics.errors import InputError
+
+from .figures import comparison_figure, maps_figure
+from .vision import tex_vision
+from .whole_file import check_writable
+
+NPZ_KEYS = (
+    "temperature_k", "material", "material_names", "thermal_lighting", "environment", "texture",
+    "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
+    "wavelength_um", "hue_deg", "sky_index",
+)  # fmt: skip
+
+
+def check_directory(directory):
+    """Raise InputError, before the work, if no folder could be made or written there."""
+    directory = Path(directory)
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"cannot write into {directory}: it is a file, not a folder.")
+    if directory.is_dir():
+        check_writable(directory / "decomposition.npz")
+    else:
+        check_writable(directory)
+
+
+def write_decomposition(decomposition, cube, truth, directory):
+    """Write all files of a Decomposition into directory, made if it is not there.
+
+    truth  the cube's Truth or None; with it the figures show it and the errors
+
+    Returns {"decomposition": path, "tex_vision": ..., "maps": ..., "comparison": ...,
+    "maps_exr": ...}. All files are made in a hidden neighbour first, so that a failure or
+    Ctrl-C leaves an older answer as it was. Raises InputError if directory is a file.
+    """
+    directory = Path(directory)
+    check_directory(directory)
+    with tempfile.TemporaryDirectory(dir=directory.resolve().parent, prefix=".texnet-") as made:
+        made = Path(made)
+        _write_npz(decomposition, made / "decomposition.npz")
+        matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
+        maps_figure(decomposition, truth, made / "maps.png")
+        comparison_figure(decomposition, cube, truth, made / "comparison.png")
+        _write_maps_exr(decomposition, made / "maps.exr")
+        directory.mkdir(exist_ok=True)
+        for file in made.iterdir():
+            os.replace(file, directory / file.name)
+    return {
+        "decomposition": directory / "decomposition.npz",
+        "tex_vision": directory / "tex_vision.png",
+        "maps": directory / "maps.png",
+        "comparison": directory / "comparison.png",
+        "maps_exr": directory / "maps.exr",
+    }
+
+
+def _write_npz(d, path):
+    arrays = {key: np.asarray(getattr(d, key)) for key in NPZ_KEYS if key != "sky_index"}
+    # Text as fixed-width unicode and an absent sky as -1: npz without pickle has no None.
+    arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
+    arrays["sky_index"] = np.int64(-1 if d.sky_index is None else d.sky_index)
+    np.savez_compressed(path, **arrays)
+
+
+def _write_maps_exr(d, path):
+    import OpenEXR
+
+    maps = {
+        "T": d.temperature_k,
+        "sigmaT": d.temperature_sigma_k,
+        "material": d.material,
+        "unknown": d.unknown,
+        "residual": d.residual,
+        "skyTexture": d.sky_texture,
+    } | {f"V.{j}": v for j, v in enumerate(d.thermal_lighting)}
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "materialNames": ",".join(d.material_names),
+    }
+    channels = {name: np.ascontiguousarray(m, dtype=np.float32) for name, m in maps.items()}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))

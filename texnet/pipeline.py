@@ -1,0 +1,164 @@
+"""The pipeline: a heat cube in, its TeX decomposition out.
+
+environment from the cube -> exact local solution of every pixel and material ->
+semi-global refinement -> distilled texture, with how sure each part is.
+"""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from physics.distill import distill
+from physics.environment import Environment
+from physics.errors import InputError
+from physics.estimate import estimate_environment
+from physics.heat_cube import HeatCube
+from physics.library import MaterialLibrary
+from physics.local import PIXELS_PER_BLOCK, solve_local
+from physics.planck import brightness_temperature
+from physics.reduced import reduce_model
+from physics.semiglobal import Objective, refine
+
+METHODS = ("local", "sgd")
+MAX_K = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Decomposition:
+    """TeX and how sure it is. Maps are (height, width).
+
+    temperature_k         K; for sky pixels that of the air
+    material              int16, index into material_names
+    thermal_lighting      V (k, height, width), summing to 1; zero for sky pixels
+    environment           (k, bands) W m-2 sr-1 um-1;  sky_index: which is the sky, or None
+    texture               X (bands, height, width) W m-2 sr-1 um-1
+    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean);
+                          the residual where the environment has no sky
+    residual              root mean square of S - S~ in noise units
+    temperature_sigma_k   one standard deviation of T, K, doubt about m included
+    material_probability  (materials, height, width)
+    unknown               True where the answer should not be trusted: the residual says that
+                          nothing in the library fits, or no material is likelier than not
+    hue_deg               (materials,) TeX-vision hues
+    netd_k                the noise that was assumed, K
+    objective             E of `physics.semiglobal` along the refinement, nats; empty for local
+    seconds               time by stage
+    """
+
+    temperature_k: np.ndarray
+    material: np.ndarray
+    material_names: tuple[str, ...]
+    thermal_lighting: np.ndarray
+    environment: np.ndarray
+    sky_index: int | None
+    texture: np.ndarray
+    sky_texture: np.ndarray
+    residual: np.ndarray
+    temperature_sigma_k: np.ndarray
+    material_probability: np.ndarray
+    unknown: np.ndarray
+    wavelength_um: np.ndarray
+    hue_deg: np.ndarray
+    netd_k: float
+    objective: tuple[float, ...] = ()
+    seconds: dict = field(default_factory=dict)
+
+
+def decompose(
+    cube: HeatCube,
+    library: MaterialLibrary | None = None,
+    *,
+    method: str = "sgd",
+    k: int = 5,
+    environment: Environment | None = None,
+    seed: int = 0,
+    progress=None,
+) -> Decomposition:
+    """Decompose a heat cube.
+
+    library      the materials that may occur; the starter library if None
+    method       "local": each pixel by itself, exactly; "sgd": semi-global, from local
+    k            number of environment objects, 1..10, estimated from the cube by K-means
+    environment  take this one instead
+    seed         of the K-means
+    progress     called as progress(done, total, what)
+
+    Raises InputError where the library does not cover the bands, or method or k are wrong.
+    """
+    if method not in METHODS:
+        raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
+    if not 1 <= k <= MAX_K:
+        raise InputError(f"decompose: k must be 1..{MAX_K}, got {k}.")
+    library = library or MaterialLibrary.starter()
+    cube = cube.with_netd()
+    seconds, clock = {}, time.perf_counter()
+
+    def lap(stage):
+        nonlocal clock
+        seconds[stage], clock = time.perf_counter() - clock, time.perf_counter()
+
+    def report(what):
+        return (lambda done, total: progress(done, total, what)) if progress else None
+
+    environment = environment or estimate_environment(cube, library, k, seed=seed)
+    lap("environment")
+    model = reduce_model(cube, library, environment)
+    local = solve_local(model, cube.spectra, report("local"))
+    lap("local")
+    objective = Objective(model, cube.radiance, local)
+    start = objective.local_state()
+    if method == "local":
+        answer = objective.unsmoothed(start)
+    else:
+        answer = refine(objective, start, report("refine"))
+    lap("refine")
+    return _assemble(cube, library, environment, model, local, answer, seconds, lap)
+
+
+def _assemble(cube, library, environment, model, local, answer, seconds, lap):
+    state, probability = answer.state, answer.probability
+    texture = np.empty((cube.bands, len(state.material)), np.float32)
+    sky_texture = np.empty(len(state.material), np.float32)
+    residual = np.empty_like(sky_texture)
+    for start in range(0, len(state.material), PIXELS_PER_BLOCK):
+        b = slice(start, start + PIXELS_PER_BLOCK)
+        x, sky_texture[b], residual[b] = distill(
+            model, cube.spectra[b].astype(np.float64), state.row[b],
+            state.temperature_k[b], state.thermal_lighting[b],
+        )  # fmt: skip
+        texture[:, b] = x.T
+    # doubt about m widens sigma of T: variance of the mixture about the answer
+    other = (local.temperature_k - state.temperature_k[:, None]) ** 2
+    variance = (probability * (local.sigma_k**2 + other)).sum(axis=1)
+    sigma = np.sqrt(np.maximum(variance, answer.sigma_k**2))
+    # a chi^2 far beyond its spread, or no material likelier than not
+    limit = 1 + 6 * np.sqrt(2 / cube.bands)
+    unknown = (residual**2 > limit) | (probability.max(axis=1) < 0.5)
+    sky = state.material == (library.sky_index if environment.sky_mean is not None else -1)
+    lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
+    air = brightness_temperature(cube.wavelength_um, cube.spectra[sky].astype(np.float64))
+    state.temperature_k[sky] = air.max(axis=1)  # where the air is opaque
+    maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
+        a.reshape(*a.shape[:-1], *cube.shape), dtype
+    )
+    lap("texture")
+    return Decomposition(
+        temperature_k=maps(state.temperature_k),
+        material=maps(state.material, np.int16),
+        material_names=library.names,
+        thermal_lighting=maps(lighting.T),
+        environment=environment.radiance,
+        sky_index=environment.sky_index,
+        texture=maps(texture),
+        sky_texture=maps(sky_texture),
+        residual=maps(residual),
+        temperature_sigma_k=maps(sigma),
+        material_probability=maps(probability.T),
+        unknown=maps(unknown, bool),
+        wavelength_um=cube.wavelength_um,
+        hue_deg=library.hue_deg,
+        netd_k=cube.netd_k,
+        objective=answer.objective,
+        seconds=seconds,
+    )

@@ -1,0 +1,26 @@
+"""Progress on a terminal: report(done, total, what) drawn as one bar on stderr."""
+
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress_bar():
+    """Yield report(done, total, what); a new bar for each `what`, silent off a terminal."""
+    from tqdm import tqdm
+
+    bar, current = None, None
+
+    def report(done, total, what):
+        nonlocal bar, current
+        if what != current:
+            if bar is not None:
+                bar.close()
+            # disable=None: tqdm stays silent where stderr is not a terminal.
+            bar, current = tqdm(total=total, desc=what, disable=None, leave=False), what
+        bar.update(done - bar.n)
+
+    try:
+        yield report
+    finally:
+        if bar is not None:
+            bar.close()

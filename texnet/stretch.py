@@ -1,0 +1,20 @@
+"""The one contrast stretch: a picture mapped to 0..1 between two of its percentiles."""
+
+import numpy as np
+
+
+def stretch(picture, mask=None, low=1.0, high=99.0):
+    """Map (..., height, width) linearly so that its low and high percentiles become 0 and 1.
+
+    mask  (height, width) bool: the pixels that set the percentiles; None: all
+
+    Values beyond are clipped. A constant picture becomes 0.5: it has no contrast to show.
+    Returns float64 of the same shape.
+    """
+    picture = np.asarray(picture, dtype=np.float64)
+    seen = picture if mask is None else picture[..., mask]
+    seen = seen[np.isfinite(seen)]
+    a, b = np.percentile(seen, [low, high]) if seen.size else (0.0, 0.0)
+    if not b > a:
+        return np.full(picture.shape, 0.5)
+    return np.clip((np.nan_to_num(picture, nan=a) - a) / (b - a), 0.0, 1.0)

@@ -1,0 +1,47 @@
+"""TeX vision: a night scene that reads like daylight.
+
+Hue is the material, saturation the temperature, value (brightness) the texture that the
+sky alone lights, as the paper's Sec. 3 has it. Colours mean materials; they are no
+pseudo-colours.
+"""
+
+import numpy as np
+import torch
+from kornia.color import hsv_to_rgb
+
+from .metrics import non_sky
+from .stretch import stretch
+
+SATURATION = (0.25, 0.75)  # coldest to warmest; never grey, or the hue would not show
+VALUE = (0.15, 1.00)  # darkest to brightest texture; never black, for the same reason
+GAMMA = 0.8  # lifts the shadows a little, as a photograph does
+SKY_SATURATION, SKY_VALUE = 0.30, (0.85, 1.00)  # pale and bright, as a sky by day
+
+
+def tex_vision(decomposition):
+    """The TeX-vision picture of a Decomposition: (height, width, 3) uint8 sRGB.
+
+    hue         hue_deg of the pixel's material
+    saturation  temperature, 2nd to 98th percentile of the non-sky pixels -> 0.25..0.75
+    value       sky-lit texture, 1st to 99th percentile of the same -> 0.15..1, gamma 0.8
+
+    Sky pixels are pale and bright; their value follows their own radiance a little.
+    """
+    d = decomposition
+    ground = non_sky(d)
+    warmth = stretch(d.temperature_k, ground, 2, 98)
+    light = stretch(d.sky_texture, ground, 1, 99) ** GAMMA
+    glow = stretch(d.sky_texture, ~ground)  # a sky pixel's own radiance
+    hsv = np.stack(
+        [
+            np.deg2rad(np.asarray(d.hue_deg) % 360)[d.material],
+            np.where(ground, _between(SATURATION, warmth), SKY_SATURATION),
+            np.where(ground, _between(VALUE, light), _between(SKY_VALUE, glow)),
+        ]
+    )
+    rgb = hsv_to_rgb(torch.from_numpy(hsv)).numpy()
+    return np.rint(255 * rgb.clip(0, 1)).astype(np.uint8).transpose(1, 2, 0)
+
+
+def _between(ends, unit):
+    return ends[0] + (ends[1] - ends[0]) * unit
