@@ -3,7 +3,7 @@
 In daylight the sky lights the scene; at night every object does. So, after inverting
 Eq. 1, only the sky's lighting is kept (the paper's section on TeX-SGD),
 
-    X_sky = V_sky S_sky,
+    X_sky = sum of V_j S_j over the objects j that stand for the sky,
 
 and fused with the residual S - S~, which holds the light of true surroundings that
 deviate from the k spectra. Along `Environment.spread` this deviation D = c spread has,
@@ -44,9 +44,8 @@ def distill(model, spectra, row, temperature_k, thermal_lighting):
     texture = texture + c[:, : len(environment.spread), 0] @ environment.spread
     sky = model.material[row] == model.library.sky_index
     texture[sky] = 0.0
-    if environment.sky_index is None:
+    if not environment.sky:
         return texture, residual, residual
-    lit = thermal_lighting[:, environment.sky_index] * (
-        environment.radiance[environment.sky_index].mean()
-    )
+    objects = list(environment.sky)
+    lit = thermal_lighting[:, objects] @ environment.radiance[objects].mean(axis=1)
     return texture, np.where(sky, 0.0, lit), residual

@@ -14,10 +14,10 @@ class Environment:
 
     radiance       (k, bands) W m-2 sr-1 um-1, finite and positive
     wavelength_um  (bands,) um, ascending
-    sky_index      which object stands for the sky; None: the sky is absent
+    sky            which objects stand for the sky, by index; empty: the sky is absent
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
-    sky_mean       (bands,) mean of the sky's own pixels; radiance[sky_index] if not given, and
+    sky_mean       (bands,) mean of the sky's own pixels; the sky objects' mean if not given,
                    None where no sky is in view: then no pixel can be sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
 
@@ -26,7 +26,7 @@ class Environment:
 
     radiance: np.ndarray
     wavelength_um: np.ndarray
-    sky_index: int | None = None
+    sky: tuple[int, ...] = ()
     spread: np.ndarray | None = None
     error_k: float = 0.0
     sky_mean: np.ndarray | None = None
@@ -41,16 +41,17 @@ class Environment:
             )
         if not np.isfinite(s).all() or (s <= 0).any():
             raise InputError("environment: radiance must be finite and positive.")
-        if self.sky_index is not None and not 0 <= self.sky_index < len(s):
-            raise InputError(f"environment: sky_index must be 0..{len(s) - 1} or None.")
+        sky = tuple(np.atleast_1d(self.sky).tolist())
+        if len(set(sky)) != len(sky) or not all(j in range(len(s)) for j in sky):
+            raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
         if not 0 <= self.error_k < 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))
         spread = none if self.spread is None else np.array(self.spread, np.float64)
         sky_spread = none if self.sky_spread is None else np.array(self.sky_spread, np.float64)
         sky_mean = self.sky_mean
-        if sky_mean is None and self.sky_index is not None:
-            sky_mean = s[self.sky_index]
+        if sky_mean is None and sky:
+            sky_mean = s[list(sky)].mean(axis=0)
         fields = dict(spread=spread, sky_spread=sky_spread)
         if sky_mean is not None:
             fields["sky_mean"] = np.array(sky_mean, np.float64)
@@ -63,6 +64,7 @@ class Environment:
             object.__setattr__(self, name, array)
         s.setflags(write=False)
         object.__setattr__(self, "radiance", s)
+        object.__setattr__(self, "sky", sky)
         object.__setattr__(self, "wavelength_um", w)
 
     def __len__(self):

@@ -3,14 +3,15 @@
 1. Sky. Twelve K-means clusters of the spectra are compared with the library's sky: at
    air mass a and air temperature T a clear sky radiates about B(T) (1 - t^a), t being
    the zenith transmittance 1 - e_sky. A cluster is sky if this fits clearly better than
-   a grey body, if in the clearest band more than half of B(T) is missing, and if it lies
-   above the rest of the picture (a car's bonnet mirrors the sky; it does not hang in it).
-2. The sky's object. Of the sky a camera sees the part near the horizon; a surface is lit
-   from overhead, through less air. The coldest visible sky is extrapolated with the same
-   law to AIR_MASS_RATIO of its air mass, band by band, and stands for the sky.
-3. The others: K-means of what is not sky, cluster means, k - 1 of them (k without sky).
+   a grey body, if about as much of B(T) is missing in its clearest band as in the clearest
+   cluster's, and if it lies in the picture's upper half (a car's bonnet mirrors the sky, but
+   from below).
+2. The sky's objects. A camera sees the part of the sky near the horizon; a surface is lit
+   from overhead, through less air. The clearest visible sky is extrapolated with the same
+   law to smaller air masses, band by band: up to three objects (one for k = 2).
+3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
-   directions; and the differences between the plausible overhead skies.
+   directions; and how the extrapolated skies change with the air temperature assumed.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
 the time does not grow with the cube.
@@ -25,11 +26,12 @@ from .planck import brightness_temperature, radiance, radiance_derivative
 
 SAMPLES = 10000
 SKY_CLUSTERS = 12
-MISSING = 0.5
-AIR_MASS_RATIOS = (0.4, 0.55, 0.7, 0.85)  # 1.66 (diffusivity) over that 15-30 degrees up
-AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of the air over the largest brightness temperature of the sky
-SPREAD_DIRECTIONS = 4
-SPREAD_SCALE = 0.3  # X averages over many surroundings, which scatter less than pixels do
+MISSING = 0.2  # of B(T_air) in the clearest band, for a cluster to be sky
+MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
+# of the sky's objects over the clearest visible sky, for k = 1, 2, 3 or 4, 5 and more
+AIR_MASS_RATIOS = ((), (0.6,), (0.4, 1.0), (0.4, 1.0), (0.2, 0.5, 1.0))
+AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of the air over the sky's largest brightness temperature
+SPREAD_DIRECTIONS = 6
 ERROR_K = 0.3  # of X beyond all that
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
@@ -67,25 +69,25 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     if method == "halves":
         upper = row < 0.5
         means = np.stack([spectra[upper].mean(axis=0), spectra[~upper].mean(axis=0)])
-        sky_index = 0 if sky.any() else None
+        objects = (0,) if sky.any() else ()
         return Environment(
-            means * cube.sigma, cube.wavelength_um, sky_index, None, ERROR_K, **sky_fields
+            means * cube.sigma, cube.wavelength_um, objects, None, ERROR_K, **sky_fields
         )
 
+    ratios = AIR_MASS_RATIOS[min(k - 1, len(AIR_MASS_RATIOS) - 1)] if sky.any() else ()
     ground = spectra[~sky] if (~sky).any() else spectra
-    with_sky = sky.any() and k > 1
-    clusters = min(k - with_sky, len(ground))
-    fit = KMeans(clusters, n_init=3, random_state=seed).fit(ground)
+    fit = KMeans(min(k - len(ratios), len(ground)), n_init=3, random_state=seed).fit(ground)
     means = fit.cluster_centers_
-    spread = SPREAD_SCALE * _principal(ground - means[fit.labels_])
-    if with_sky:
+    spread = _principal(ground - means[fit.labels_])
+    if ratios:
         cold = spectra[sky].mean(axis=1)
         seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
-        overhead = _overhead(cube.wavelength_um, seen) / cube.sigma  # (plausible skies, bands)
-        means = np.concatenate([overhead.mean(axis=0)[None], means])
-        spread = np.concatenate([spread, _principal(overhead - overhead.mean(axis=0))])
+        skies = _overhead(cube.wavelength_um, seen, ratios, AIR_EXCESS_K) / cube.sigma
+        deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
+        means = np.concatenate([skies.mean(axis=0), means])
+        spread = np.concatenate([spread, _principal(deviations)])
     return Environment(
-        means * cube.sigma, cube.wavelength_um, 0 if with_sky else None, spread * cube.sigma,
+        means * cube.sigma, cube.wavelength_um, tuple(range(len(ratios))), spread * cube.sigma,
         ERROR_K, **sky_fields,
     )  # fmt: skip
 
@@ -99,16 +101,16 @@ def _sky_pixels(cube, library, spectra, row, seed):
     fit = KMeans(min(SKY_CLUSTERS, len(spectra)), n_init=1, random_state=seed).fit(spectra)
     centres = fit.cluster_centers_ * cube.sigma
     scene_k = np.median(brightness_temperature(cube.wavelength_um, centres))
-    for cluster, centre in enumerate(centres):
-        sky[fit.labels_ == cluster] = _looks_like_sky(
-            cube.wavelength_um, centre, transmittance, scene_k
-        )
-    if sky.any() and not sky.all() and row[sky].mean() > row[~sky].mean():
-        sky[:] = False
+    missing = np.array([_missing(cube.wavelength_um, c, transmittance, scene_k) for c in centres])
+    height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
+    missing[height > row.mean()] = 0.0
+    sky = (missing > max(MISSING, MISSING_RATIO * missing.max()))[fit.labels_]
     return sky
 
 
-def _looks_like_sky(wavelength_um, spectrum, transmittance, scene_k):
+def _missing(wavelength_um, spectrum, transmittance, scene_k):
+    """How far below B(T_air) a sky-like spectrum falls in its clearest band, 0..1; 0 where a
+    grey body fits about as well as a sky."""
     t = brightness_temperature(wavelength_um, spectrum)
     air_k = np.linspace(t.max() - 2, max(t.max() + 12, scene_k), 20)[:, None, None]
     glow = radiance(wavelength_um, air_k)
@@ -119,22 +121,20 @@ def _looks_like_sky(wavelength_um, spectrum, transmittance, scene_k):
         return misfit.min(), np.unravel_index(misfit.argmin(), misfit.shape)
 
     opacity = 1 - transmittance ** np.geomspace(0.1, 40, 60)[:, None]
-    sky, (i, j) = best(glow * opacity)
+    sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
-    missing = 1 - opacity[j].min()
-    return missing > MISSING and (sky < 0.7 * grey or wavelength_um.size < 3)
+    return 1 - opacity[j].min() if sky < 0.8 * grey or wavelength_um.size < 3 else 0.0
 
 
-def _overhead(wavelength_um, seen):
-    """Plausible spectra (n, bands) of the sky overhead, from the coldest visible sky.
+def _overhead(wavelength_um, seen, ratios, excess_k):
+    """Skies (excess, ratios, bands) at air masses of ratios times that of a visible one.
 
-    S = B(T_air) (1 - t^a) solved for t^a band by band, and evaluated at AIR_MASS_RATIOS of
-    the air mass, for T_air a little above the largest brightness temperature.
+    S = B(T_air) (1 - t^a) solved for t^a band by band, with T_air a little (excess_k) above
+    the largest brightness temperature.
     """
-    air_k = brightness_temperature(wavelength_um, seen).max() + np.array(AIR_EXCESS_K)
+    air_k = brightness_temperature(wavelength_um, seen).max() + np.array(excess_k)
     glow = radiance(wavelength_um, air_k[:, None, None])
-    ratio = np.array(AIR_MASS_RATIOS)[:, None]
-    return (glow * (1 - (1 - seen / glow) ** ratio)).reshape(-1, seen.size)
+    return glow * (1 - (1 - seen / glow) ** np.array(ratios)[:, None])
 
 
 def _principal(deviations):

@@ -104,7 +104,7 @@ class HeatCube:
         """This cube, with NETD estimated from its own pixels where it is not known.
 
         The spectra of a scene fill few dimensions; the smallest principal components of
-        the noise-scaled spectra hold noise alone (their median variance is NETD^2). With
+        the noise-scaled spectra hold noise alone, and so does their median. With
         fewer than 12 bands no component is free of signal, and the median second
         difference between neighbours is used, which texture biases upwards.
         """
@@ -114,7 +114,7 @@ class HeatCube:
         if self.bands >= 12 and scaled[0].size > 2 * self.bands:
             step = max(1, scaled[0].size // 20000)
             variance = np.linalg.eigvalsh(np.cov(scaled.reshape(self.bands, -1)[:, ::step]))
-            netd = np.sqrt(np.median(variance[: self.bands // 2]))
+            netd = np.sqrt(np.median(variance))
         elif min(self.shape) >= 3:
             second = scaled[:, 1:-1] - 0.5 * (scaled[:, :-2] + scaled[:, 2:])
             netd = np.median(np.abs(second)) / 0.6745 / np.sqrt(1.5)

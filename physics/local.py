@@ -283,6 +283,8 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
         if abs(step) < _TAU_TOLERANCE:
             break
         tau += step
+    else:
+        tau -= step  # the last point that was evaluated
     return best, tau, curvature / (half * half)
 
 

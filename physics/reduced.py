@@ -44,6 +44,7 @@ from numpy.polynomial import chebyshev
 
 from .bands import quadrature
 from .environment import Environment
+from .errors import InputError
 from .heat_cube import HeatCube
 from .library import MaterialLibrary
 from .planck import brightness_temperature, noise_sigma, radiance
@@ -112,8 +113,18 @@ class ReducedModel:
 def reduce_model(
     cube: HeatCube, library: MaterialLibrary, environment: Environment
 ) -> ReducedModel:
-    """Build the reduced model for a cube's bands and noise; reads pixels only for the T prior."""
+    """Build the reduced model for a cube's bands and noise; reads pixels only for the T prior.
+
+    Raises InputError where library or environment are not for the cube's bands.
+    """
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
+    if environment.wavelength_um.shape != w.shape or not np.allclose(
+        environment.wavelength_um, w, rtol=0, atol=1e-3
+    ):
+        raise InputError(
+            "environment: its wavelengths are not the cube's; estimate it from this cube, or "
+            "give its spectra at the cube's bands."
+        )
     t = scene_temperatures(cube)
     prior_mean, prior_sigma = float(np.median(t)), max(MIN_TEMPERATURE_SPREAD_K, float(t.std()))
     low, high = max(t.min() - 40.0, 60.0), t.max() + 60.0

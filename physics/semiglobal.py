@@ -34,6 +34,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from .errors import InputError
 from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 
@@ -115,7 +116,12 @@ class Objective:
         self.sky = -1 if model.library.sky_index is None else model.library.sky_index
 
     def state(self, temperature_k, material, thermal_lighting):
-        """The State at any T (P,) K, m (P,) and V (P, k)."""
+        """The State at any T (P,) K, m (P,) and V (P, k).
+
+        Raises InputError where m is the sky and there is none in view.
+        """
+        if not np.isfinite(self.local.energy[np.arange(len(material)), material]).all():
+            raise InputError("refine: a pixel starts as sky, but the environment has no sky.")
         row = self.local.row[np.arange(len(material)), material]
         return State(np.asarray(temperature_k, float), material, thermal_lighting, row)
 

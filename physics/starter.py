@@ -24,9 +24,7 @@ refractiveindex.info, and all of them cover 7.5-14.5 um. The table that the pack
 """
 
 import json
-import os
 import re
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +33,7 @@ import numpy as np
 from .errors import InputError
 from .library import SKY
 from .sky import Atmosphere, zenith_optical_depth
+from .whole_file import whole_file
 
 WAVELENGTH_UM = np.round(np.arange(7.5, 14.501, 0.05), 2)
 TABLE = Path(__file__).parent / "data" / "starter_library.json"
@@ -286,19 +285,8 @@ def write(path=TABLE):
     data = build()
     rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in data["materials"])
     text = f'{{"wavelength_um": {json.dumps(data["wavelength_um"])},\n"materials": [\n{rows}\n]}}\n'
-    path = Path(path)
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as f:
-                f.write(text)
-            os.chmod(temporary, 0o644)  # mkstemp makes it private
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
-    except OSError as e:
-        raise InputError(f"library: cannot write {path}: {e.strerror}.") from e
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def emissivity(recipe, wavelength_um=WAVELENGTH_UM):

@@ -12,7 +12,7 @@ from scipy import stats
 from physics import InputError, MaterialLibrary
 from physics.planck import noise_sigma, radiance
 from physics.simulator import Camera, Scene, SceneObject, Truth, simulate
-from physics.simulator.sensor import equidistant_bands
+from physics.simulator.sensor import FLOOR_K, equidistant_bands
 from physics.simulator.shade import Shader, shade
 from physics.simulator.trace import SKY, Paths, Tracer, roulette
 from physics.sky import Atmosphere, sky_radiance
@@ -438,9 +438,30 @@ def test_truth_round_trip(tmp_path):
         assert getattr(back, key).dtype == np.float32
         np.testing.assert_array_equal(getattr(back, key), getattr(truth, key))
     assert [f.name for f in tmp_path.iterdir()] == ["a.truth.npz"]
-    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
-    with pytest.raises(InputError, match="cannot read"):
-        Truth.load(tmp_path / "bad.npz")
+
+
+def test_a_damaged_or_foreign_truth_is_one_input_error(tmp_path):
+    file = tmp_path / "a.truth.npz"
+    render(outdoors(), OUTDOOR, (4, 6), spp=2)[1].save(file)
+    whole = file.read_bytes()
+    # A handle left open would be a ResourceWarning, and warnings are errors here.
+    for part in (b"", b"PK nothing", *(whole[: len(whole) * k // 10] for k in range(1, 10))):
+        file.write_bytes(part)
+        with pytest.raises(InputError, match="not a whole npz file"):
+            Truth.load(file)
+    flipped = bytearray(whole)
+    flipped[len(whole) // 3 : len(whole) // 3 + 40] = bytes(40)
+    file.write_bytes(flipped)
+    with pytest.raises(InputError, match="truth: "):
+        Truth.load(file)
+    np.savez(file, temperature_k=np.ones((2, 2)))
+    with pytest.raises(InputError, match="lacks material,"):
+        Truth.load(file)
+    np.save(tmp_path / "a.npy", np.ones(3))
+    with pytest.raises(InputError, match="not a whole npz file"):
+        Truth.load(tmp_path / "a.npy")
+    with pytest.raises(InputError, match="No such file"):
+        Truth.load(tmp_path / "nothing.npz")
 
 
 # ---------------------------------------------------------------- sampling and sensor
@@ -494,6 +515,19 @@ def test_sensor_noise_has_the_netd_in_every_band():
     assert np.abs(z.mean((1, 2))).max() < Z / np.sqrt(n)
     assert np.abs(z.var((1, 2)) - 1).max() < Z * np.sqrt(2 / n)
     assert np.abs(np.corrcoef(z.reshape(8, -1)) - np.eye(8)).max() < 5 / np.sqrt(n)
+
+
+def test_noise_leaves_a_cold_dry_sky_positive():
+    air = Atmosphere(air_temperature_k=260, water_cm=0.2)
+    scene = Scene([ground(t=255.0)], Camera((0, 0, 2), (0, 5, 6)), air)
+    w, f = equidistant_bands(16)
+    clean, noisy = (render(scene, OUTDOOR, (24, 32), 4, wavelength=w, fwhm=f, netd_k=n)[0]
+                    for n in (0, 2.0))  # fmt: skip
+    floor = radiance(w, FLOOR_K).astype(np.float32)[:, None, None]
+    clipped = noisy.radiance == floor
+    assert clean.radiance.min() > 0 and clipped.any() and (noisy.radiance >= floor).all()
+    # What is clipped lay within the noise of the floor; the rest is untouched.
+    assert clean.radiance[clipped].max() < 5 * noise_sigma(w, 2.0).max()
 
 
 def test_equidistant_bands_tile_their_range():

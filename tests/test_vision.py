@@ -96,11 +96,11 @@ def test_stretch():
 
 
 @pytest.mark.parametrize("with_truth", [True, False])
-@pytest.mark.parametrize("sky_index", [0, None])
-def test_every_file_is_written(tmp_path, with_truth, sky_index):
+@pytest.mark.parametrize("sky", [(0,), ()])
+def test_every_file_is_written(tmp_path, with_truth, sky):
     truth = made_up.truth()
     d = made_up.perfect(truth)
-    d.sky_index = sky_index
+    d.sky = sky
     paths = write_decomposition(d, made_up.cube(truth), truth if with_truth else None, tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in paths.values()} == {
         "decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr"
@@ -109,7 +109,7 @@ def test_every_file_is_written(tmp_path, with_truth, sky_index):
     with np.load(paths["decomposition"], allow_pickle=False) as npz:
         assert set(npz.files) == set(vars(d)) - {"netd_k", "objective", "seconds"}
         assert tuple(npz["material_names"]) == d.material_names
-        assert npz["sky_index"] == (-1 if sky_index is None else 0)
+        assert tuple(npz["sky"]) == sky
         np.testing.assert_array_equal(npz["temperature_k"], d.temperature_k)
         np.testing.assert_array_equal(npz["texture"], d.texture)
     shown = matplotlib.image.imread(paths["tex_vision"])[..., :3]

@@ -8,7 +8,6 @@ figures     every map with its truth; TeX vision beside today's pictures
 baselines   what people look at today: panchromatic, CLAHE, principal components
 metrics     the one module of metrics
 stretch     the one contrast stretch
-whole_file  a file is written whole or not at all
 progress    a progress bar
 cli         the command line
 """

@@ -107,10 +107,10 @@ def library_show(args):
 
 
 def library_rebuild(args):
-    from .whole_file import check_writable
+    from physics import starter
+    from physics.whole_file import check_writable
 
     check_writable(args.out)
-    from physics import starter
 
     starter.write(args.out)
     return f"{args.out}: written.", {"command": "library rebuild", "library": args.out}

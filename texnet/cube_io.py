@@ -26,8 +26,7 @@ import numpy as np
 
 from physics.errors import InputError
 from physics.heat_cube import HeatCube
-
-from .whole_file import check_writable, whole_file
+from physics.whole_file import check_writable, whole_file
 
 # Fichet et al. 2021, as their own library spells it.
 CHANNEL = re.compile(

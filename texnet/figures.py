@@ -9,11 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from torch import tensor
 
+from physics.whole_file import whole_file
+
 from .baselines import clahe, panchromatic, principal_components
 from .metrics import correlation, non_sky
 from .stretch import stretch
 from .vision import tex_vision
-from .whole_file import whole_file
 
 PANEL_INCHES = 2.4
 DPI = 130
@@ -117,14 +118,15 @@ def _names(answer):
 
 def _lighting(d, ground):
     """The lighting factor of the sky; without a sky, of each pixel's strongest object."""
-    if d.sky_index is None:
+    if not d.sky:
         return "largest lighting factor V", "viridis", _on(ground, d.thermal_lighting.max(axis=0))
-    return "lighting by the sky V", "viridis", _on(ground, d.thermal_lighting[d.sky_index])
+    by_sky = d.thermal_lighting[list(d.sky)].sum(axis=0)
+    return "lighting by the sky V", "viridis", _on(ground, by_sky)
 
 
 def _texture_title(d):
     # Without a sky the pipeline shows the residual instead (physics.distill).
-    if d.sky_index is None:
+    if not d.sky:
         return "residual texture (noise units)"
     return f"sky-lit X ({RADIANCE})"
 

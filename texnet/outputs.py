@@ -16,15 +16,15 @@ import matplotlib.image
 import numpy as np
 
 from physics.errors import InputError
+from physics.whole_file import check_writable
 
 from .figures import comparison_figure, maps_figure
 from .vision import tex_vision
-from .whole_file import check_writable
 
 NPZ_KEYS = (
     "temperature_k", "material", "material_names", "thermal_lighting", "environment", "texture",
     "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
-    "wavelength_um", "hue_deg", "sky_index",
+    "wavelength_um", "hue_deg", "sky",
 )  # fmt: skip
 
 
@@ -70,10 +70,10 @@ def write_decomposition(decomposition, cube, truth, directory):
 
 
 def _write_npz(d, path):
-    arrays = {key: np.asarray(getattr(d, key)) for key in NPZ_KEYS if key != "sky_index"}
+    arrays = {key: np.asarray(getattr(d, key)) for key in NPZ_KEYS}
     # Text as fixed-width unicode and an absent sky as -1: npz without pickle has no None.
     arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
-    arrays["sky_index"] = np.int64(-1 if d.sky_index is None else d.sky_index)
+    arrays["sky"] = np.asarray(d.sky, np.int64)
     np.savez_compressed(path, **arrays)
 
 

@@ -31,7 +31,7 @@ class Decomposition:
     temperature_k         K; for sky pixels that of the air
     material              int16, index into material_names
     thermal_lighting      V (k, height, width), summing to 1; zero for sky pixels
-    environment           (k, bands) W m-2 sr-1 um-1;  sky_index: which is the sky, or None
+    environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
     texture               X (bands, height, width) W m-2 sr-1 um-1
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean);
                           the residual where the environment has no sky
@@ -51,7 +51,7 @@ class Decomposition:
     material_names: tuple[str, ...]
     thermal_lighting: np.ndarray
     environment: np.ndarray
-    sky_index: int | None
+    sky: tuple[int, ...]
     texture: np.ndarray
     sky_texture: np.ndarray
     residual: np.ndarray
@@ -149,7 +149,7 @@ def _assemble(cube, library, environment, model, local, answer, seconds, lap):
         material_names=library.names,
         thermal_lighting=maps(lighting.T),
         environment=environment.radiance,
-        sky_index=environment.sky_index,
+        sky=environment.sky,
         texture=maps(texture),
         sky_texture=maps(sky_texture),
         residual=maps(residual),

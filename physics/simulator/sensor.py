@@ -3,7 +3,8 @@
 A band is a box response. Its radiance is the mean of S over midpoints inside the band, at
 most 0.125 um apart (`physics.bands.quadrature`), so that wide bands are truly integrated;
 a band of no width is evaluated at its centre. Noise is white, with the same temperature
-equivalent (NETD, at 300 K) in every band.
+equivalent (NETD, at 300 K) in every band; what it would push to zero or below, as it may
+where a cold sky meets a coarse sensor, reads the lowest radiance of the calibration.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,9 @@ import numpy as np
 from ..bands import quadrature
 from ..errors import InputError
 from ..heat_cube import check_wavelength
-from ..planck import noise_sigma
+from ..planck import noise_sigma, radiance
+
+FLOOR_K = 100.0  # coldest black body that a reading can mean: 1e-3 of 300 K's light at most
 
 
 def equidistant_bands(n, low_um=8.0, high_um=14.0):
@@ -55,7 +58,11 @@ class Bands:
         return spectrum[..., self._members].mean(axis=-1)
 
 
-def add_noise(radiance, wavelength_um, netd_k, rng):
-    """Radiance (bands, height, width) plus white noise of NETD netd_k (K at 300 K)."""
-    sigma = noise_sigma(np.asarray(wavelength_um)[:, None, None], netd_k)
-    return radiance + sigma * rng.standard_normal(np.shape(radiance))
+def add_noise(clean, wavelength_um, netd_k, rng):
+    """Radiance (bands, height, width) plus white noise of NETD netd_k (K at 300 K).
+
+    Never below B(FLOOR_K): a calibrated camera reports no zero and no negative radiance.
+    """
+    w = np.asarray(wavelength_um)[:, None, None]
+    noisy = clean + noise_sigma(w, netd_k) * rng.standard_normal(np.shape(clean))
+    return np.maximum(noisy, radiance(w, FLOOR_K))

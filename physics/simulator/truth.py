@@ -3,14 +3,14 @@
 The file is an npz without pickles whose keys are the field names.
 """
 
-import os
-import tempfile
 import zipfile
+import zlib
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from ..errors import InputError
+from ..whole_file import whole_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +45,22 @@ class Truth:
     def save(self, path):
         """Write a compressed npz, whole or not at all."""
         arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        handle, partial = tempfile.mkstemp(
-            dir=os.path.dirname(os.path.abspath(path)), suffix=".partial"
-        )
-        try:
-            with os.fdopen(handle, "wb") as f:
-                np.savez_compressed(f, **arrays)
-            os.replace(partial, path)
-        except BaseException:
-            os.unlink(partial)
-            raise
+        # A file and not its name, to which numpy would add .npz.
+        with whole_file(path) as part, open(part, "wb") as file:
+            np.savez_compressed(file, **arrays)
 
     @staticmethod
     def load(path):
         """Read what `save` wrote; InputError if it is not that."""
         try:
-            with np.load(path, allow_pickle=False) as data:
-                arrays = {f.name: data[f.name] for f in fields(Truth)}
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as e:
-            raise InputError(f"truth: cannot read {path} as a truth file ({e}).") from e
+            # Opened here, because np.load leaks the file if it is no whole zip.
+            with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+                missing = [f.name for f in fields(Truth) if f.name not in data.files]
+                arrays = {f.name: data[f.name] for f in fields(Truth) if f.name in data.files}
+        except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as e:
+            reason = getattr(e, "strerror", None) or "it is not a whole npz file of plain arrays"
+            raise InputError(f"truth: cannot read {path}: {reason}.") from e
+        if missing:
+            raise InputError(f"truth: {path} is no truth file; it lacks {', '.join(missing)}.")
         arrays["material_names"] = tuple(str(n) for n in arrays["material_names"])
         return Truth(**arrays)

@@ -22,9 +22,12 @@ def _footprints(xy, x, depth_m, rng):
         turn = rng.normal(0.08, 0.08) * (-1) ** k
         d = xy - [x + 0.13 * (-1) ** k + rng.normal(0, 0.02), at + rng.normal(0, 0.04)]
         c, s = np.cos(turn), np.sin(turn)
+        near = (np.abs(d) < 1).all(axis=1)  # a step is 30 cm long; its exp must not see 300 m
+        d = d[near]
         u, v = d[:, 0] * c - d[:, 1] * s, d[:, 0] * s + d[:, 1] * c
         r = np.hypot(u / (0.058 + 0.012 * np.clip(v / 0.15, -1, 1)), v / 0.15)
-        z += depth_m * (0.45 * np.exp(-((r - 1.35) ** 2) / 0.06) - 0.5 * (1 - np.tanh(7 * (r - 1))))
+        rim, sole = np.exp(-((r - 1.35) ** 2) / 0.06), 0.5 * (1 - np.tanh(7 * (r - 1)))
+        z[near] += depth_m * (0.45 * rim - sole)
     return z
 
 
@@ -72,7 +75,7 @@ def patches(seed=0):
             SceneObject(g.join([lawn, blades]), "grass", 277.0, False, "grass"),
             SceneObject(g.sheet(outer, y, sand), "sand", 282.0, True, "sand"),
         ],
-        Camera((0.0, -0.6, 2.3), (0.0, 4.2, 0.62), 42),
+        Camera((0.0, -0.6, 2.3), (0.0, 4.2, 1.3), 50),
         Atmosphere(air_temperature_k=276.0, water_cm=0.8),
         sun_direction=(-0.78, 0.25, 0.45),
         name="patches",

@@ -1,0 +1,250 @@
+"""The environment from path-traced cubes, whose light no k objects made; and distillation."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation, binary_erosion
+from scipy.optimize import linear_sum_assignment
+from traced import names_of, one_thread, traced  # noqa: F401
+
+from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.distill import distill
+from physics.estimate import estimate_environment
+from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.reduced import reduce_model
+from texnet.pipeline import decompose
+
+LIBRARY = MaterialLibrary.starter()
+OUTDOORS = ("forest", "street", "patterned", "patches")
+METALS = ("aluminium", "steel", "copper")
+
+
+def without_sky():
+    return LIBRARY.subset([n for n in LIBRARY.names if n != "sky"])
+
+
+def noise_units(a, b, cube):
+    """(len(a), len(b)) root mean square differences of spectra, in the sensor's noise."""
+    return np.sqrt((((a[:, None] - b[None]) / cube.sigma) ** 2).mean(axis=-1))
+
+
+# --- is there a sky? ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_the_sky_is_found_outdoors(name):
+    """Its mean is that of sky pixels among sky pixels; its objects are colder than all others."""
+    cube, truth = traced(name)
+    e = estimate_environment(cube, LIBRARY)
+    assert e.sky and e.sky_mean is not None
+    sky = binary_erosion(names_of(truth) == "sky", np.ones((3, 3)), border_value=1)
+    assert sky.sum() > 50
+    seen = cube.spectra[sky.ravel()].astype(float)
+    true_k, found_k = (
+        brightness_temperature(cube.wavelength_um, s) for s in (seen.mean(axis=0), e.sky_mean)
+    )
+    assert np.abs(found_k - true_k).max() < 5
+    level = brightness_temperature(cube.wavelength_um, e.radiance).mean(axis=1)
+    others = [j for j in range(len(e)) if j not in e.sky]
+    assert level[list(e.sky)].max() < level[others].min()
+
+
+@pytest.mark.parametrize("bands", [3, 9, 24])
+def test_no_sky_indoors(bands):
+    cube, _ = traced("room", bands, spp=8)
+    for k in (1, 2, 5, 10):
+        e = estimate_environment(cube, LIBRARY, k)
+        assert e.sky == () and e.sky_mean is None and len(e) == k
+
+
+@pytest.mark.parametrize("method, k", [("kmeans", 5), ("halves", 2)])
+def test_no_sky_without_one_in_the_library(method, k):
+    e = estimate_environment(traced("forest")[0], without_sky(), k, method)
+    assert e.sky == () and e.sky_mean is None and len(e) == k
+
+
+def test_no_sky_below_the_horizon():
+    """A picture of the ground alone has none, though wet ground mirrors it."""
+    cube, truth = traced("forest")
+    rows = (names_of(truth) == "sky").any(axis=1)
+    below = cube.radiance[:, np.flatnonzero(rows).max() + 1 :]
+    assert below.shape[1] >= 12
+    e = estimate_environment(
+        HeatCube(below, cube.wavelength_um, cube.fwhm_um, cube.netd_k), LIBRARY
+    )
+    assert e.sky == () and e.sky_mean is None
+
+
+def test_what_mirrors_the_sky_below_is_no_sky():
+    """A spectrum of sky in the lower part of the picture is a puddle or a bonnet."""
+    cube, _ = traced("forest")
+    upside_down = cube.radiance[:, ::-1]
+    e = estimate_environment(
+        HeatCube(upside_down, cube.wavelength_um, cube.fwhm_um, cube.netd_k), LIBRARY
+    )
+    assert e.sky == () and e.sky_mean is None
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_true_sky_comes_out_as_sky(name):
+    """With 29 other materials to mistake it for, a mirror (metal) first of all."""
+    cube, truth = traced(name)
+    answer = names_of(decompose(cube, LIBRARY, method="local"))
+    sky = names_of(truth) == "sky"
+    assert sky.sum() > 50
+    assert (answer[sky] == "sky").mean() >= 0.8
+    assert np.isin(answer[sky], METALS).mean() < 0.05
+    # at its edge, and through gaps in a canopy, a pixel may be half sky; elsewhere none is
+    ground = ~binary_dilation(sky, np.ones((3, 3)))
+    assert (answer[ground] == "sky").mean() < 0.05
+
+
+# --- the objects ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["forest", "room"])
+@pytest.mark.parametrize("k", range(1, 11))
+def test_as_many_objects_as_asked(name, k):
+    cube, _ = traced(name)
+    e = estimate_environment(cube, LIBRARY, k)
+    assert e.radiance.shape == (k, cube.bands)
+    assert (e.radiance > 0).all() and np.isfinite(e.spread).all()
+    assert len(e.sky) < k  # what is not sky lights every scene too
+    distance = noise_units(e.radiance, e.radiance, cube) + 1e9 * np.eye(k)
+    assert distance.min() > 1  # no object twice
+    hottest = radiance(cube.wavelength_um, cube.brightness_temperature_k.max() + 20)
+    assert (e.radiance < hottest).all()
+
+
+def test_the_seed_decides():
+    cube, _ = traced("street")
+    a, b = (estimate_environment(cube, LIBRARY, 6, seed=3) for _ in range(2))
+    for field in ("radiance", "spread", "sky_mean", "sky_spread"):
+        np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_the_order_of_pixels_hardly_matters(name):
+    """Shuffled columns: the same set of spectra, to a tenth of how far objects are apart."""
+    cube, _ = traced(name)
+    order = np.random.default_rng(0).permutation(cube.shape[1])
+    shuffled = HeatCube(cube.radiance[:, :, order], cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    a, b = (estimate_environment(c, LIBRARY, 5) for c in (cube, shuffled))
+    assert a.sky == b.sky
+    off = noise_units(a.radiance, b.radiance, cube)
+    i, j = linear_sum_assignment(off)
+    apart = noise_units(a.radiance, a.radiance, cube) + 1e9 * np.eye(5)
+    assert (off[i, j] < 0.1 * apart.min(axis=1)[i]).all()
+
+
+def test_halves():
+    """The averages of the two halves; the upper one is the sky's if there is any."""
+    cube, _ = traced("forest")
+    e = estimate_environment(cube, LIBRARY, 2, "halves")
+    means = [half.mean(axis=(1, 2)) for half in (cube.radiance[:, :24], cube.radiance[:, 24:])]
+    assert noise_units(e.radiance, np.array(means), cube).diagonal().max() < 1
+    assert e.sky == (0,)
+    assert estimate_environment(traced("room")[0], LIBRARY, 2, "halves").sky == ()
+
+
+@pytest.mark.parametrize(
+    "fields, word",
+    [
+        (dict(k=0), "at least 1"),
+        (dict(k=1, method="halves"), "2 for halves"),
+        (dict(k=3, method="halves"), "2 for halves"),
+        (dict(k=2, method="means"), "kmeans or halves"),
+    ],
+)
+def test_wrong_methods(fields, word):
+    with pytest.raises(InputError, match=word):
+        estimate_environment(traced("forest")[0], LIBRARY, **fields)
+
+
+def test_more_objects_than_pixels():
+    cube, _ = traced("forest")
+    crop = HeatCube(cube.radiance[:, :2, :3], cube.wavelength_um, cube.fwhm_um, 0.05)
+    assert len(estimate_environment(crop, without_sky(), 6)) == 6
+    with pytest.raises(InputError, match="k = 7 .* 7 pixels"):
+        estimate_environment(crop, LIBRARY, 7)
+
+
+# --- distillation -----------------------------------------------------------------------------
+
+
+class Distilled:
+    """Pixels of grass and metal by Eq. 4 under k = 3 objects, the first two being sky."""
+
+    def __init__(self, sky=(0, 1), spread=None, off=None, netd=0.05, noise=False):
+        rng = np.random.default_rng(0)
+        self.w = w = np.linspace(8.2, 13.8, 20)
+        s = np.stack([0.4 * radiance(w, 250.0), 0.6 * radiance(w, 265.0), radiance(w, 288.0)])
+        self.environment = Environment(s, w, sky, spread)
+        self.library = LIBRARY.subset(["grass", "aluminium", "sky"])
+        cube = HeatCube(np.broadcast_to(s[2][:, None, None], (20, 4, 5)), w, netd_k=netd)
+        self.model = reduce_model(cube, self.library, self.environment)
+        material = np.r_[np.zeros(10, int), np.ones(10, int)]
+        pure = self.model.sky_share == 0
+        self.row = np.array(
+            [np.flatnonzero(pure & (self.model.material == m))[0] for m in material]
+        )
+        self.t = rng.uniform(280, 300, 20)
+        self.v = rng.dirichlet(np.ones(3), 20)
+        self.texture = self.v @ s + (0 if off is None else off)
+        e = self.model.emissivity[self.row]
+        self.spectra = e * radiance(w, self.t[:, None]) + (1 - e) * self.texture
+        if noise:
+            self.spectra = self.spectra + rng.normal(size=(20, 20)) * noise_sigma(w, netd)
+
+    def __call__(self, lighting=None, row=None):
+        lighting = self.v if lighting is None else np.broadcast_to(lighting, (20, 3))
+        return distill(self.model, self.spectra, self.row if row is None else row, self.t, lighting)
+
+
+def test_only_the_sky_is_left_to_shine():
+    """X_sky is V_j S_j of the sky's objects, as a band mean; the ground's light is switched off."""
+    d = Distilled()
+    means = d.environment.radiance.mean(axis=1)
+    for lighting, expected in [
+        ([1, 0, 0], means[0]), ([0, 1, 0], means[1]), ([0, 0, 1], 0), ([0, 0, 0], 0),
+        ([0.3, 0.2, 0.5], 0.3 * means[0] + 0.2 * means[1]),
+    ]:  # fmt: skip
+        np.testing.assert_allclose(d(lighting)[1], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_sky_pixels_have_no_texture():
+    d = Distilled()
+    row = d.row.copy()
+    row[::2] = np.flatnonzero(d.model.sky_share == 1.0)[0]
+    texture, lit, _ = d(row=row)
+    assert (texture[::2] == 0).all() and (lit[::2] == 0).all()
+    assert (texture[1::2] > 0).all() and (lit[1::2] > 0).all()
+
+
+def test_the_truth_leaves_no_residual():
+    d = Distilled()
+    texture, _, residual = d()
+    np.testing.assert_allclose(texture, d.texture, rtol=1e-6)
+    np.testing.assert_allclose(residual, 0, atol=1e-3)
+    noisy = Distilled(noise=True)()[2]
+    assert np.sqrt((noisy**2).mean()) == pytest.approx(1, abs=5 / np.sqrt(2 * 400))
+
+
+def test_without_sky_the_residual_is_the_texture():
+    d = Distilled(sky=(), noise=True)
+    _, shown, residual = d()
+    np.testing.assert_array_equal(shown, residual)
+
+
+def test_true_surroundings_off_the_spectra_return_to_the_texture():
+    """A deviation along `spread` is put back into X where the pixel reflects enough to see it."""
+    w = np.linspace(8.2, 13.8, 20)
+    direction = 0.1 * radiance(w, 288.0) * np.sin(2 * w)
+    d = Distilled(spread=direction[None], off=direction)
+    texture, _, residual = d()
+    mirrors = slice(10, 20)
+    off = np.abs(texture - d.texture).max(axis=1) / np.abs(direction).max()
+    assert off[mirrors].max() < 0.05
+    assert residual[mirrors].max() < 0.3
+    blind = Distilled(off=direction)()
+    assert (np.abs(blind[0] - d.texture).max(axis=1)[mirrors] > 0.9 * np.abs(direction).max()).all()
+    assert (blind[2][mirrors] > 3).all()

@@ -1,0 +1,213 @@
+"""Cube in, decomposition out, on path-traced cubes: every field, every k, few bands, texture."""
+
+import functools
+
+import numpy as np
+import pytest
+from traced import averaged, names_of, one_thread, traced  # noqa: F401
+
+import texnet.pipeline
+from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.eq1 import render
+from physics.planck import radiance
+from texnet.baselines import clahe, panchromatic, principal_components
+from texnet.metrics import texture_scores
+from texnet.pipeline import METHODS, decompose
+
+LIBRARY = MaterialLibrary.starter()
+SMALL = dict(size=(20, 30), spp=8)
+
+
+@functools.cache
+def answer(method="sgd", k=5, bands=54):
+    """A Decomposition of a small `patterned` cube, and the cube."""
+    cube = traced("patterned", 54, **SMALL)[0]
+    cube = cube if bands == 54 else averaged(cube, bands)
+    return decompose(cube, LIBRARY, method=method, k=k), cube
+
+
+def check_fields(d, cube, k):
+    """Every field as `Decomposition` documents it."""
+    shape, bands = cube.shape, cube.bands
+    f32, maps = np.float32, lambda *lead: (*lead, *shape)
+    for name, kind, size in [
+        ("temperature_k", f32, maps()), ("material", np.int16, maps()),
+        ("thermal_lighting", f32, maps(k)), ("environment", float, (k, bands)),
+        ("texture", f32, maps(bands)), ("sky_texture", f32, maps()), ("residual", f32, maps()),
+        ("temperature_sigma_k", f32, maps()),
+        ("material_probability", f32, maps(len(LIBRARY))), ("unknown", bool, maps()),
+        ("wavelength_um", float, (bands,)), ("hue_deg", float, (len(LIBRARY),)),
+    ]:  # fmt: skip
+        value = getattr(d, name)
+        assert value.dtype == kind and value.shape == size, name
+        assert np.isfinite(value).all(), name
+    assert d.material_names == LIBRARY.names and d.netd_k == cube.netd_k
+    assert (d.material >= 0).all() and (d.material < len(LIBRARY)).all()
+    sky = names_of(d) == "sky"
+    assert (d.thermal_lighting >= 0).all()
+    total = d.thermal_lighting.sum(axis=0)
+    np.testing.assert_allclose(total, np.where(sky, 0, 1), atol=1e-5)
+    assert (d.material_probability >= 0).all()
+    np.testing.assert_allclose(d.material_probability.sum(axis=0), 1, atol=1e-5)
+    assert (d.temperature_sigma_k > 0).all() and (d.residual >= 0).all()
+    assert (d.texture[:, sky] == 0).all() and (d.sky_texture[sky] == 0).all() | (not d.sky)
+    t_b = cube.brightness_temperature_k
+    assert d.temperature_k.min() > t_b.min() - 60 and d.temperature_k.max() < t_b.max() + 90
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_field(method):
+    d, cube = answer(method)
+    check_fields(d, cube, 5)
+    assert all(s >= 0 for s in d.seconds.values()) and d.seconds
+    if method == "local":
+        assert d.objective == ()
+    else:
+        assert (np.diff(d.objective) <= 1e-6 * abs(d.objective[0])).all()
+
+
+@pytest.mark.parametrize("k", range(1, 11))
+def test_every_number_of_objects(k):
+    d, cube = answer("sgd", k, 9)
+    check_fields(d, cube, k)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("bands", [1, 2, 3, 4, 9])
+def test_every_number_of_bands(method, bands):
+    d, cube = answer(method, 5, bands)
+    check_fields(d, cube, 5)
+
+
+def test_doubt_grows_as_bands_get_fewer():
+    """The same light in fewer, wider bands: less is known of T, and sigma says so."""
+    ground = names_of(traced("patterned", 54, **SMALL)[1]) != "sky"
+    sigma = [
+        np.median(answer("sgd", 5, bands)[0].temperature_sigma_k[ground])
+        for bands in (54, 18, 9, 4)
+    ]
+    assert (np.diff(sigma) > 0).all(), sigma
+    few = [np.median(answer("sgd", 5, bands)[0].temperature_sigma_k[ground]) for bands in (3, 2, 1)]
+    assert min(few) > 1.5 * sigma[0], few
+
+
+def test_the_answer_rendered_by_eq1_is_the_measurement():
+    """T, m and X of pure ground pixels, put into Eq. 1, miss S by about the residual reported."""
+    d, cube = answer("local")
+    curves = LIBRARY.at(cube.wavelength_um)
+    ground = (names_of(d) != "sky") & (d.residual < 1.5)
+    assert ground.mean() > 0.5
+    t, e = d.temperature_k[ground].astype(float), curves[d.material[ground]]
+    s = e * radiance(cube.wavelength_um, t[:, None]) + (1 - e) * d.texture[:, ground].T
+    r = (cube.radiance[:, ground].T - s) / cube.sigma
+    rms = np.sqrt((r**2).mean(axis=1))
+    # curves are averaged over the band by the solver and sampled at its centre here
+    assert np.median(np.abs(rms - d.residual[ground])) < 0.3
+    assert np.median(rms) < 1.5
+    # and without the surroundings' deviation, X is V S
+    v = d.thermal_lighting[:, ground].T.astype(float)
+    rendered, texture = render(t, e, v, d.environment, cube.wavelength_um)
+    off = np.median(np.abs(rendered - s) / cube.sigma)
+    assert off < 3 and np.corrcoef(texture.ravel(), d.texture[:, ground].T.ravel())[0, 1] > 0.95
+
+
+def test_texture_is_nearer_the_truth_than_any_picture_people_look_at_today():
+    """Sky-lit texture of a scene whose temperature pattern hides it from a thermal camera."""
+    cube, truth = traced("patterned", 24, (48, 72), 32)
+    d = decompose(cube, LIBRARY)
+    score = lambda picture: texture_scores(picture, truth)["correlation"]  # noqa: E731
+    pan = panchromatic(cube)
+    pictures = {"panchromatic": pan, "clahe": clahe(pan)}
+    pictures |= {f"pc{i + 1}": p for i, p in enumerate(principal_components(cube))}
+    # a picture's sign is the viewer's to choose
+    best = {name: abs(score(p)) for name, p in pictures.items()}
+    ours = score(d.sky_texture)
+    assert ours > 0.5
+    assert ours > max(best.values()) + 0.05, (ours, best)
+    gradient = lambda picture: texture_scores(picture, truth)["gradient_correlation"]  # noqa: E731
+    assert gradient(d.sky_texture) > max(abs(gradient(p)) for p in pictures.values())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_same_seed_gives_the_same_answer(method):
+    a, cube = answer(method, 5, 9)
+    b = decompose(cube, LIBRARY, method=method, k=5)
+    for name in ("temperature_k", "material", "thermal_lighting", "texture", "sky_texture",
+                 "temperature_sigma_k", "material_probability", "unknown"):  # fmt: skip
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), name)
+
+
+def test_a_given_environment_is_used_as_it_is(monkeypatch):
+    _, cube = answer("sgd", 5, 9)
+    w = cube.wavelength_um
+    given = Environment(radiance(w, np.array([[230.0], [260.0], [289.0]])), w, (0,))
+
+    def never(*args, **kwargs):
+        raise AssertionError("estimated an environment though one was given")
+
+    monkeypatch.setattr(texnet.pipeline, "estimate_environment", never)
+    d = decompose(cube, LIBRARY, environment=given, k=7)
+    np.testing.assert_array_equal(d.environment, given.radiance)
+    assert d.sky == (0,) and len(d.thermal_lighting) == 3
+
+
+@pytest.mark.parametrize(
+    "fields, word",
+    [
+        (dict(method="magic"), "local, sgd"),
+        (dict(method=None), "local, sgd"),
+        (dict(k=0), "1..10"),
+        (dict(k=11), "1..10"),
+        (dict(k=-1), "1..10"),
+    ],
+)
+def test_wrong_options(fields, word):
+    with pytest.raises(InputError, match=word):
+        decompose(answer("sgd", 5, 9)[1], LIBRARY, **fields)
+
+
+@pytest.mark.parametrize("low, high", [(9.0, 14.5), (7.5, 13.0)])
+@pytest.mark.parametrize("sky", [True, False])
+@pytest.mark.parametrize("given", [True, False])
+def test_a_library_that_does_not_reach_is_refused_before_the_work(
+    monkeypatch, low, high, sky, given
+):
+    _, cube = answer("sgd", 5, 9)
+    w = np.linspace(low, high, 20)
+    names = ["grass", "water", "sky" if sky else "soil"]
+    short = MaterialLibrary(names, w, LIBRARY.at(w)[:3])
+    environment = Environment(radiance(cube.wavelength_um, 285.0)[None], cube.wavelength_um)
+
+    def never(*args, **kwargs):
+        raise AssertionError("worked first, complained later")
+
+    monkeypatch.setattr(texnet.pipeline, "solve_local", never)
+    with pytest.raises(InputError, match="cover .* um but the bands need"):
+        decompose(cube, short, environment=environment if given else None)
+
+
+def test_an_environment_of_other_bands_is_refused():
+    _, cube = answer("sgd", 5, 9)
+    w = np.linspace(8.0, 14.0, 7)
+    other = Environment(radiance(w, np.array([[250.0], [289.0]])), w, (0,))
+    try:
+        decompose(cube, LIBRARY, environment=other)
+    except InputError as error:
+        assert "environment" in str(error)
+    else:
+        pytest.fail("took an environment of 7 bands for a cube of 9")
+
+
+def test_noise_that_is_not_known_is_estimated():
+    _, cube = answer("sgd", 5, 54)
+    blind = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um)
+    assert decompose(blind, LIBRARY, method="local").netd_k == pytest.approx(0.05, rel=0.3)
+
+
+def test_progress_is_reported_to_the_end():
+    _, cube = answer("sgd", 5, 9)
+    seen = []
+    decompose(cube, LIBRARY, progress=lambda *a: seen.append(a))
+    assert {what for *_, what in seen} == {"local", "refine"}
+    assert (600, 600, "local") in seen
+    assert all(0 < done <= total for done, total, _ in seen)

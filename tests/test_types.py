@@ -1,0 +1,380 @@
+"""HeatCube, MaterialLibrary and Environment: checked once on construction, then immutable."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.planck import noise_sigma, radiance
+
+W = np.linspace(8.0, 14.0, 5)
+S = np.broadcast_to(radiance(W, 290.0)[:, None, None], (5, 3, 4))
+E = np.array([np.full(5, 0.9), np.linspace(0.2, 0.8, 5), np.full(5, 0.5)])
+NAMES = ("grass", "glass", "sky")
+
+
+def changed(array, index, value):
+    array = np.array(array)
+    array[index] = value
+    return array
+
+
+def sentence(make, *args, **fields):
+    """The one sentence of the InputError that make(...) raises."""
+    with pytest.raises(InputError) as error:
+        make(*args, **fields)
+    text = str(error.value)
+    assert "\n" not in text and text.endswith(".") and ". " not in text.replace("e.g. ", "")
+    return text
+
+
+# --- wavelengths, which all three have ------------------------------------------------------
+
+MAKE = {
+    "cube": lambda w: HeatCube(S, w),
+    "library": lambda w: MaterialLibrary(NAMES, w, E),
+    "environment": lambda w: Environment(S[:, :2, 0].T, w),
+}
+WRONG_WAVELENGTHS = {
+    "descending": (W[::-1], "ascend"),
+    "repeated": (changed(W, 2, W[1]), "repeats"),
+    "nanometres": (1000 * W, "nm"),
+    "wavenumbers": (1e4 / W[::-1], "cm-1"),
+    "NaN": (changed(W, 2, np.nan), "finite"),
+    "infinite": (changed(W, 4, np.inf), "finite"),
+    "negative": (W - 9, "positive"),
+    "zero": (W - 8, "positive"),
+    "two lists": (np.stack([W, W]), "one list"),
+    "empty": ([], "one list"),
+}
+
+
+@pytest.mark.parametrize("make", MAKE)
+@pytest.mark.parametrize("mistake", WRONG_WAVELENGTHS)
+def test_wrong_wavelengths(make, mistake):
+    w, word = WRONG_WAVELENGTHS[mistake]
+    text = sentence(MAKE[make], w)
+    assert word in text and text.startswith(make)
+
+
+@pytest.mark.parametrize("make", MAKE)
+def test_as_many_wavelengths_as_values(make):
+    assert "4" in sentence(MAKE[make], W[:4])
+
+
+# --- everything else ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        (dict(radiance=S[:, 0]), "(5, 4)"),
+        (dict(radiance=S[:, :0]), "(5, 0, 4)"),
+        (dict(radiance=S.transpose(1, 2, 0)), "bands first"),
+        (dict(radiance=changed(S, (1, 2, 3), np.nan)), "1 values are NaN"),
+        (dict(radiance=changed(S, (1, 2, 3), np.inf)), "infinite"),
+        (dict(radiance=changed(S, (1, 2), 0)), "4 radiance values are zero"),
+        (dict(radiance=changed(S, (1, 2, 3), -1)), "negative"),
+        (dict(fwhm_um=[0.1] * 4), "fwhm_um"),
+        (dict(fwhm_um=0.1), "fwhm_um"),
+        (dict(fwhm_um=[0.1, 0.1, -0.1, 0.1, 0.1]), "fwhm_um"),
+        (dict(fwhm_um=[0.1, 0.1, np.nan, 0.1, 0.1]), "fwhm_um"),
+        (dict(netd_k=0), "NETD"),
+        (dict(netd_k=-0.05), "NETD"),
+        (dict(netd_k=np.nan), "NETD"),
+        (dict(netd_k=np.inf), "NETD"),
+    ],
+)
+def test_wrong_cubes(change, word):
+    text = sentence(HeatCube, **{**dict(radiance=S, wavelength_um=W), **change})
+    assert word in text and text.startswith("cube: ")
+
+
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        (dict(names=("grass", "sky", "sky")), "unique"),
+        (dict(names=("grass", "", "sky")), "empty"),
+        (dict(names=(), emissivity=np.zeros((0, 5))), "no material"),
+        (dict(names=("grass", "sky")), "(2, 5)"),
+        (dict(emissivity=E.T), "(5, 3)"),
+        (dict(emissivity=E[0]), "(5,)"),
+        (dict(emissivity=changed(E, (1, 2), 1.01)), "glass"),
+        (dict(emissivity=changed(E, (1, 2), -0.01)), "glass"),
+        (dict(emissivity=changed(E, (2, 0), np.nan)), "sky"),
+        (dict(emissivity=100 * E), "grass"),
+        (dict(hue_deg=[0, 120]), "hue"),
+        (dict(hue_deg=[0, 120, np.nan]), "hue"),
+        (dict(albedo_rgb=np.full((2, 3), 0.5)), "albedo"),
+        (dict(albedo_rgb=np.full((3, 3), 255)), "albedo"),
+        (dict(albedo_rgb=changed(np.full((3, 3), 0.5), (0, 0), np.nan)), "albedo"),
+        (dict(descriptions=("grass", "glass")), "descriptions"),
+    ],
+)
+def test_wrong_libraries(change, word):
+    fields = dict(names=NAMES, wavelength_um=W, emissivity=E)
+    text = sentence(MaterialLibrary, **{**fields, **change})
+    assert word in text and text.startswith("library: ")
+
+
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        (dict(radiance=S[:, 0, 0]), "(5,)"),
+        (dict(radiance=S[:, :, 0]), "(5, 3)"),
+        (dict(radiance=np.zeros((0, 5))), "(0, 5)"),
+        (dict(radiance=changed(S[:, :2, 0].T, (1, 2), 0)), "positive"),
+        (dict(radiance=changed(S[:, :2, 0].T, (1, 2), -1)), "positive"),
+        (dict(radiance=changed(S[:, :2, 0].T, (1, 2), np.nan)), "finite"),
+        (dict(radiance=changed(S[:, :2, 0].T, (1, 2), np.inf)), "finite"),
+        (dict(sky=(2,)), "sky"),
+        (dict(sky=(-1,)), "sky"),
+        (dict(spread=np.zeros((1, 4))), "spread"),
+        (dict(spread=np.zeros(5)), "spread"),
+        (dict(spread=np.full((1, 5), np.nan)), "spread"),
+        (dict(sky_spread=np.zeros((1, 4))), "sky_spread"),
+        (dict(sky_spread=np.zeros((1, 1, 5))), "sky_spread"),
+        (dict(sky_mean=np.ones(4)), "sky_mean"),
+        (dict(sky_mean=np.ones((1, 5))), "sky_mean"),
+        (dict(sky_mean=changed(np.ones(5), 0, np.inf)), "sky_mean"),
+        (dict(error_k=-0.1), "error_k"),
+        (dict(error_k=np.nan), "error_k"),
+        (dict(error_k=200.0), "error_k"),
+    ],
+)
+def test_wrong_environments(change, word):
+    fields = dict(radiance=S[:, :2, 0].T, wavelength_um=W)
+    text = sentence(Environment, **{**fields, **change})
+    assert word in text and text.startswith("environment: ")
+
+
+# --- immutable --------------------------------------------------------------------------------
+
+
+def arguments():
+    """A fresh, writeable set of arguments for each type."""
+    rng = np.random.default_rng(0)
+    return [
+        (HeatCube, dict(radiance=np.array(S, np.float32), wavelength_um=np.array(W),
+                        fwhm_um=np.full(5, 0.1), netd_k=0.05)),
+        (MaterialLibrary, dict(names=list(NAMES), wavelength_um=np.array(W),
+                               emissivity=np.array(E), hue_deg=np.array([0.0, 120, 240]),
+                               albedo_rgb=rng.uniform(size=(3, 3)), descriptions=list("abc"))),
+        (Environment, dict(radiance=np.array(S[:, :2, 0].T), wavelength_um=np.array(W),
+                           sky=(0,), spread=rng.normal(size=(2, 5)), error_k=0.1,
+                           sky_mean=rng.uniform(1, 2, 5), sky_spread=rng.normal(size=(1, 5)))),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("which", range(3), ids=["cube", "library", "environment"])
+def test_immutable_and_not_an_alias(which):
+    """No array can be written through the object, nor through what the caller passed in."""
+    make, fields = arguments()[which]
+    made = make(**fields)
+    before = {k: np.array(getattr(made, k)) for k in fields}
+    for name, given_ in fields.items():
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(made, name, given_)
+        held = getattr(made, name)
+        if isinstance(given_, np.ndarray):
+            np.testing.assert_allclose(held, given_, rtol=1e-6)
+            assert not held.flags.writeable
+            with pytest.raises(ValueError):
+                held[...] = 0
+            given_[...] = 1.0
+        elif isinstance(given_, list):
+            assert isinstance(held, tuple)
+            given_[0] = 1 if name == "sky" else "changed"
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(made, name), value)
+
+
+def test_defaults_cannot_be_written_either():
+    for made in (HeatCube(S, W), MaterialLibrary(NAMES, W, E), Environment(S[:, :2, 0].T, W, (0,))):
+        for field in dataclasses.fields(made):
+            value = getattr(made, field.name)
+            assert not isinstance(value, np.ndarray) or not value.flags.writeable, field.name
+
+
+# --- HeatCube ---------------------------------------------------------------------------------
+
+
+def test_views_of_a_cube_agree():
+    s = radiance(W[:, None, None], 280.0 + np.arange(12.0).reshape(3, 4))
+    cube = HeatCube(s, W, netd_k=0.1)
+    assert cube.bands == 5 and cube.shape == (3, 4) and cube.radiance.dtype == np.float32
+    np.testing.assert_array_equal(cube.spectra[1 * 4 + 2], cube.radiance[:, 1, 2])
+    np.testing.assert_allclose(cube.sigma, noise_sigma(W, 0.1))
+    expected = 280.0 + np.arange(12.0).reshape(3, 4)
+    np.testing.assert_allclose(cube.brightness_temperature_k, expected, atol=1e-3)
+
+
+def test_noise_of_a_cube_that_does_not_know_it():
+    assert "NETD" in sentence(lambda: HeatCube(S, W).sigma)
+    assert "NETD" in sentence(HeatCube(S[:, :2], W).with_netd)
+
+
+def low_dimensional(seed, netd, bands, dimensions, pixels_per_band):
+    """A cube whose noiseless spectra span few dimensions, each pixel another mixture."""
+    rng = np.random.default_rng(seed)
+    w, side = np.linspace(8.0, 14.0, bands), int(np.ceil(np.sqrt(pixels_per_band * bands)))
+    t = 285 + 8 * rng.normal(size=(dimensions, 1))
+    share = rng.dirichlet(np.ones(dimensions), side * side)
+    s = share @ radiance(w, t) + rng.normal(size=(side * side, bands)) * noise_sigma(w, netd)
+    return HeatCube(s.T.reshape(bands, side, side), w)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(0, 2**31), st.floats(0.01, 1.0), st.integers(12, 80), st.integers(1, 4),
+    st.integers(30, 60),
+)  # fmt: skip
+def test_netd_is_estimated_from_the_pixels(seed, netd, bands, dimensions, pixels_per_band):
+    """Spectra that fill few dimensions: what is left is noise, whatever the picture shows."""
+    cube = low_dimensional(seed, netd, bands, dimensions, pixels_per_band)
+    assert cube.with_netd().netd_k == pytest.approx(netd, rel=0.15)
+    np.testing.assert_array_equal(cube.with_netd().radiance, cube.radiance)
+
+
+@pytest.mark.parametrize("bands", [16, 54])
+def test_netd_of_a_small_picture(bands):
+    cube = low_dimensional(0, 0.1, bands, 3, 5)
+    assert cube.with_netd().netd_k == pytest.approx(0.1, rel=0.15)
+
+
+@pytest.mark.parametrize("bands", [1, 4, 9])
+def test_netd_of_few_bands(bands):
+    """A smooth picture in few bands: neighbours differ by noise alone."""
+    w = np.linspace(8.5, 13.5, bands)
+    t = np.linspace(280.0, 300.0, 60)[:, None] + np.linspace(0, 5, 60)
+    s = radiance(w[:, None, None], t)
+    s = s + np.random.default_rng(0).normal(size=s.shape) * noise_sigma(w, 0.1)[:, None, None]
+    assert HeatCube(s, w).with_netd().netd_k == pytest.approx(0.1, rel=0.15)
+
+
+def test_known_netd_is_kept():
+    cube = HeatCube(S, W, netd_k=0.123)
+    assert cube.with_netd() is cube
+
+
+# --- MaterialLibrary --------------------------------------------------------------------------
+
+
+def test_names_and_sky():
+    library = MaterialLibrary(NAMES, W, E)
+    assert len(library) == 3 and library.sky_index == 2 and library.index("glass") == 1
+    assert library.subset(["glass", "grass"]).sky_index is None
+    text = sentence(library.index, "glas")
+    assert "glas" in text and "grass, glass, sky" in text
+
+
+@given(st.integers(0, 2**31), st.integers(2, 30))
+def test_interpolation_is_linear_and_bounded(seed, n):
+    """Exact at the given wavelengths, the mean half way between, never beyond its neighbours."""
+    rng = np.random.default_rng(seed)
+    w = np.sort(rng.uniform(7, 15, n))
+    if np.diff(w).min() < 1e-6:
+        return
+    library = MaterialLibrary(["a", "b"], w, rng.uniform(size=(2, n)))
+    np.testing.assert_allclose(library.at(w), library.emissivity, atol=1e-12)
+    middle = 0.5 * (w[1:] + w[:-1])
+    mean = 0.5 * (library.emissivity[:, 1:] + library.emissivity[:, :-1])
+    np.testing.assert_allclose(library.at(middle), mean, atol=1e-9)
+
+
+def test_no_curve_is_made_up_where_there_is_none():
+    library = MaterialLibrary(NAMES, W, E)
+    for w in ([7.9, 10.0], [10.0, 14.1]):
+        assert "cover 8-14 um" in sentence(library.at, w)
+        beyond = library.at(w, tolerance_um=0.2)
+        end = 0 if w[0] < 8 else -1
+        np.testing.assert_array_equal(beyond[:, end], E[:, end])
+        assert "cover 8-14 um" in sentence(library.at, w, 0.05)
+
+
+def test_subset_keeps_order_and_all_that_belongs_to_a_material():
+    _, fields = arguments()[1]
+    library = MaterialLibrary(**fields)
+    part = library.subset(["sky", "grass"])
+    assert part.names == ("sky", "grass") and part.descriptions == ("c", "a")
+    for name in ("emissivity", "hue_deg", "albedo_rgb"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(library, name)[[2, 0]])
+    assert "moss" in sentence(library.subset, ["grass", "moss"])
+    assert "unique" in sentence(library.subset, ["grass", "grass"])
+
+
+@given(st.permutations(range(30)))
+def test_permuting_the_library_there_and_back(order):
+    library = MaterialLibrary.starter()
+    names = [library.names[i] for i in order if i < len(library)]
+    back = library.subset(names).subset(library.names)
+    assert back.names == library.names and back.descriptions == library.descriptions
+    np.testing.assert_array_equal(back.emissivity, library.emissivity)
+    np.testing.assert_array_equal(back.hue_deg, library.hue_deg)
+    np.testing.assert_array_equal(back.albedo_rgb, library.albedo_rgb)
+
+
+ROW = {"name": "grass", "emissivity": [0.9, 0.95]}
+
+
+@pytest.mark.parametrize(
+    "text, word",
+    [
+        ("", "JSON"),
+        ("{", "JSON"),
+        ("[]", "must hold"),
+        ("{}", "materials"),
+        ('{"wavelength_um": [8, 14]}', "materials"),
+        (json.dumps({"materials": [ROW]}), "wavelength_um"),
+        (json.dumps({"wavelength_um": [8, 14], "materials": []}), "no material"),
+        (json.dumps({"wavelength_um": [8, 14], "materials": {"grass": [0.9, 0.95]}}), "must hold"),
+        (json.dumps({"wavelength_um": [8, 14], "materials": [{"name": "grass"}]}), "emissivity"),
+        (json.dumps({"wavelength_um": [14, 8], "materials": [ROW]}), "ascend"),
+        (json.dumps({"wavelength_um": [8, 10, 14], "materials": [ROW]}), "(1, 3)"),
+        (json.dumps({"wavelength_um": [8, 14], "materials": [ROW, ROW]}), "unique"),
+        (json.dumps({"wavelength_um": ["8 um", 14], "materials": [ROW]}), "must hold"),
+    ],
+)
+def test_wrong_library_files(tmp_path, text, word):
+    path = tmp_path / "library.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="^library: ") as error:
+        MaterialLibrary.load(path)
+    assert word in str(error.value) and "\n" not in str(error.value)
+
+
+def test_library_file_that_cannot_be_read(tmp_path):
+    assert "gone.json" in sentence(MaterialLibrary.load, tmp_path / "gone.json")
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(InputError, match="JSON"):
+        MaterialLibrary.load(tmp_path / "binary.json")
+
+
+def test_library_file(tmp_path):
+    path = tmp_path / "library.json"
+    rows = [dict(ROW, hue_deg=100, description="lawn"), dict(ROW, name="sky")]
+    path.write_text(json.dumps({"wavelength_um": [8, 14], "materials": rows}))
+    library = MaterialLibrary.load(path)
+    assert library.names == ("grass", "sky") and library.sky_index == 1
+    np.testing.assert_array_equal(library.emissivity, [[0.9, 0.95]] * 2)
+
+
+# --- Environment ------------------------------------------------------------------------------
+
+
+def test_sky_of_an_environment():
+    """Its own object stands for the sky's pixels unless something better is known."""
+    s = S[:, :2, 0].T * [[0.5], [1.0]]
+    assert Environment(s, W).sky_mean is None
+    np.testing.assert_array_equal(Environment(s, W, (0,)).sky_mean, s[0])
+    np.testing.assert_array_equal(Environment(s, W, (0,), sky_mean=2 * s[0]).sky_mean, 2 * s[0])
+    both = Environment(s, W, (0, 1))
+    assert both.sky == (0, 1)
+    np.testing.assert_allclose(both.sky_mean, s.mean(axis=0))
+    none = Environment(s, W)
+    assert none.sky == ()
+    assert len(none) == 2 and none.spread.shape == none.sky_spread.shape == (0, 5)

@@ -1,0 +1,45 @@
+"""Small path-traced cubes for tests of the whole chain, each traced once per process."""
+
+import functools
+
+import numba
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from physics.heat_cube import HeatCube
+from physics.simulator import simulate
+from physics.simulator.presets import preset
+from physics.simulator.sensor import equidistant_bands
+
+
+@functools.cache
+def traced(name, bands=24, size=(48, 72), spp=16):
+    """(HeatCube, Truth) of a preset scene."""
+    w, fwhm = equidistant_bands(bands)
+    return simulate(preset(name), wavelength_um=w, fwhm_um=fwhm, size=size, spp=spp)
+
+
+def averaged(cube, bands):
+    """The cube of a camera with fewer, wider bands: each the mean of neighbours of this one."""
+    group = cube.bands // bands
+    mean = lambda a: a[: bands * group].reshape(bands, group, *a.shape[1:]).mean(axis=1)  # noqa: E731
+    return HeatCube(
+        mean(cube.radiance), mean(cube.wavelength_um), group * mean(cube.fwhm_um),
+        cube.netd_k / np.sqrt(group),
+    )  # fmt: skip
+
+
+def names_of(answer):
+    """(height, width) names of the materials in a Truth or Decomposition."""
+    return np.array(answer.material_names)[answer.material]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    """On tiny cubes threads only wait for each other, and for those of a second test process."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    with threadpool_limits(1):
+        yield
+    numba.set_num_threads(threads)
