@@ -75,7 +75,7 @@ def patches(seed=0):
             SceneObject(g.join([lawn, blades]), "grass", 277.0, False, "grass"),
             SceneObject(g.sheet(outer, y, sand), "sand", 282.0, True, "sand"),
         ],
-        Camera((0.0, -0.6, 2.3), (0.0, 4.2, 1.3), 50),
+        Camera((0.0, -0.6, 2.3), (0.0, 4.2, 1.1), 48),
         Atmosphere(air_temperature_k=276.0, water_cm=0.8),
         sun_direction=(-0.78, 0.25, 0.45),
         name="patches",
