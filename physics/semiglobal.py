@@ -11,8 +11,9 @@ over 4-neighbours p~q. J and occam are those of `local` and `reduced`; pi is the
 each material in the scene, estimated from the evidence of all pixels (empirical Bayes),
 which prunes the library to what the scene supports. An edge can cost at most
 beta w_pq: within a material T is pulled together, across a step it is let go. The
-weights follow the cube's own spectral edges (Rother et al. 2004, "GrabCut", eq. 11):
-w_pq = exp(-|s_p - s_q|^2 / (2 <|s_p - s_q|^2>)).
+weights follow the cube's own spectral edges (as in Rother et al. 2004, "GrabCut", eq. 11,
+but with the median, since the few edges against the sky outweigh all others):
+w_pq = exp(-|s_p - s_q|^2 / (8 median |s_p - s_q|^2)).
 
 `refine` decreases E from any T, m, V, never increasing it, by two kinds of step:
 
@@ -39,6 +40,7 @@ from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 
 BETA = 3.0  # nats that a full-weight edge between two materials costs
+EDGE_SCALE = 4.0
 DELTA_K = 1.0  # temperature steps well below this are smoothed, well above are kept
 MEAN_FIELD_SWEEPS = 10
 MAX_ROUNDS = 12
@@ -78,9 +80,8 @@ def edge_weights(radiance, sigma):
         for band, s in zip(radiance, sigma, strict=True):
             d2 += (np.diff(band.astype(np.float64), axis=axis - 1) / s) ** 2
         squared.append(d2)
-    count = sum(d.size for d in squared)
-    mean = sum(d.sum() for d in squared) / max(count, 1)
-    return tuple(np.exp(-d / (2 * max(mean, 1e-12))) for d in squared)
+    typical = max(float(np.median(np.concatenate([d.ravel() for d in squared]))), 1e-12)
+    return tuple(np.exp(-d / (2 * EDGE_SCALE * typical)) for d in squared)
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,38 +123,38 @@ RECIPES = (
         "Lignin and suberin are aromatic (polycarbonate and styrene stand in); dust in the cracks.",
     ),
     Recipe(
-        "wood", 33, (0.42, 0.30, 0.18),
+        "wood", 30, (0.42, 0.30, 0.18),
         ((0.75, {"ethylene glycol": 0.4, "methanol": 0.6}), (0.25, {"polycarbonate": 1.0})), 0.1,
         "Sawn and dry: cellulose by alcohols with the same C-O bands (ethylene glycol, methanol), "
         "lignin by polycarbonate.",
     ),
     Recipe(
-        "soil", 12, (0.20, 0.14, 0.09),
+        "soil", 38, (0.20, 0.14, 0.09),
         ((0.45, {"montmorillonite": 0.7, AIR: 0.3}), (0.25, {"silica": 0.7, AIR: 0.3}),
          (0.3, {"water": 0.3, "ethylene glycol": 0.7})), 0.5,
         "A moist loam; humus by ethylene glycol, quartz by silica.",
     ),
     Recipe(
-        "sand", 50, (0.48, 0.40, 0.27),
+        "sand", 54, (0.48, 0.40, 0.27),
         ((0.75, {"silica": 1.0}), (0.25, {"illite": 0.6, AIR: 0.4})), 0.45,
         "Quartz by vitreous silica, so the 8-9.5 um reststrahlen is one peak and not a doublet.",
     ),
     Recipe(
-        "clay", 4, (0.50, 0.35, 0.26), ((1.0, {"kaolinite": 0.6, AIR: 0.4}),), 0.4,
+        "clay", 10, (0.50, 0.35, 0.26), ((1.0, {"kaolinite": 0.6, AIR: 0.4}),), 0.4,
         "Dry kaolin, porous.",
     ),
     Recipe(
-        "granite", 345, (0.40, 0.36, 0.35),
+        "granite", 60, (0.40, 0.36, 0.35),
         ((0.35, {"silica": 1.0}), (0.5, {"borosilicate glass": 0.5, "soda-lime glass": 0.5}),
          (0.15, {"illite": 1.0})), 0.35,
         "Quartz by silica, feldspar by glasses, mica by illite; broken face.",
     ),
     Recipe(
-        "limestone", 65, (0.58, 0.56, 0.50), ((1.0, {"dolomite": 1.0}),), 0.25,
+        "limestone", 70, (0.58, 0.56, 0.50), ((1.0, {"dolomite": 1.0}),), 0.25,
         "A dolomitic limestone, sawn.",
     ),
     Recipe(
-        "sandstone", 40, (0.50, 0.36, 0.24),
+        "sandstone", 44, (0.50, 0.36, 0.24),
         ((0.5, {"silica": 0.8, AIR: 0.2}), (0.4, {"kaolinite": 1.0}), (0.1, {"hematite": 1.0})),
         0.3,
         "Quartz by silica, cemented by kaolinite and hematite.",
@@ -164,18 +164,18 @@ RECIPES = (
         "Gypsum by anhydrite: same sulphate bands, without its water; porous.",
     ),
     Recipe(
-        "concrete", 265, (0.42, 0.41, 0.39),
+        "concrete", 258, (0.42, 0.41, 0.39),
         ((0.4, {"soda-lime glass": 0.8, AIR: 0.2}), (0.35, {"dolomite": 1.0}),
          (0.25, {"montmorillonite": 1.0})), 0.35,
         "Calcium silicates by soda-lime glass and montmorillonite; carbonate aggregate.",
     ),
     Recipe(
-        "asphalt", 250, (0.07, 0.07, 0.07),
+        "asphalt", 246, (0.07, 0.07, 0.07),
         ((0.6, {"octane": 0.6, "styrene": 0.25, "soot": 0.15}), (0.4, {"dolomite": 1.0})), 0.4,
         "Bitumen by octane, styrene and soot; worn, with carbonate aggregate.",
     ),
     Recipe(
-        "brick", 358, (0.42, 0.20, 0.14),
+        "brick", 356, (0.42, 0.20, 0.14),
         ((0.55, {"illite": 1.0}), (0.2, {"silica": 1.0}), (0.25, {"hematite": 1.0})), 0.4,
         "Fired clay by illite, with quartz (silica) and hematite.",
     ),
@@ -193,17 +193,17 @@ RECIPES = (
         "Acrylic binder (PMMA) with titania.",
     ),
     Recipe(
-        "aluminium", 240, (0.70, 0.71, 0.72),
+        "aluminium", 236, (0.70, 0.71, 0.72),
         ((0.9, {"aluminium": 1.0}), (0.1, {"amorphous alumina": 1.0})), 0.5,
         "Rough and weathered: a tenth of the area under thick oxide.",
     ),
     Recipe(
-        "steel", 280, (0.35, 0.35, 0.36),
+        "steel", 296, (0.35, 0.35, 0.36),
         ((0.7, {"iron": 1.0}), (0.1, {"magnetite": 1.0}), (0.2, {"hematite": 1.0})), 0.3,
         "Hot-rolled: a third of the area under mill scale.",
     ),
     Recipe(
-        "rust", 16, (0.32, 0.15, 0.08),
+        "rust", 4, (0.32, 0.15, 0.08),
         ((0.85, {"hematite": 0.9, AIR: 0.1}), (0.15, {"magnetite": 1.0})), 0.2,
         "Iron hydroxides by hematite.",
     ),
@@ -222,16 +222,16 @@ RECIPES = (
         "Solid, slightly rough.",
     ),
     Recipe(
-        "fabric", 75, (0.30, 0.26, 0.36), ((1.0, {"PET": 1.0}),), 0.3,
+        "fabric", 348, (0.30, 0.26, 0.36), ((1.0, {"PET": 1.0}),), 0.3,
         "Woven polyester.",
     ),
     Recipe(
-        "skin", 25, (0.55, 0.38, 0.30),
+        "skin", 16, (0.55, 0.38, 0.30),
         ((1.0, {"blood": 0.85, "PMMA": 0.15}),), 0.45,
         "Tissue water by blood, proteins and lipids by PMMA.",
     ),
     Recipe(
-        "copper", 20, (0.60, 0.35, 0.25),
+        "copper", 340, (0.60, 0.35, 0.25),
         ((0.9, {"copper": 1.0}), (0.1, {"cuprous oxide": 1.0})), 0.3,
         "Tarnished: cuprous oxide on a tenth of the area.",
     ),

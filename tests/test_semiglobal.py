@@ -266,7 +266,7 @@ def slow_smoothness(scene, state):
         if i + a < height and j + b < width
     ]  # fmt: skip
     d2 = {(p, q): ((s[:, *p] - s[:, *q]) ** 2).sum() for p, q in pairs}
-    mean = sum(d2.values()) / len(d2)
+    typical = semiglobal.EDGE_SCALE * float(np.median(list(d2.values())))
     m, t = state.material.reshape(height, width), state.temperature_k.reshape(height, width)
     for p, q in pairs:
         if m[p] != m[q]:
@@ -275,7 +275,7 @@ def slow_smoothness(scene, state):
             d = 0.0
         else:
             d = (t[p] - t[q]) ** 2 / ((t[p] - t[q]) ** 2 + semiglobal.DELTA_K**2)
-        total += semiglobal.BETA * math.exp(-d2[p, q] / (2 * mean)) * d
+        total += semiglobal.BETA * math.exp(-d2[p, q] / (2 * typical)) * d
     return total
 
 

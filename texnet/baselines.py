@@ -8,6 +8,7 @@ import torch
 from kornia.enhance import equalize_clahe
 from sklearn.decomposition import PCA
 
+from .metrics import correlation, non_sky
 from .stretch import stretch
 
 
@@ -48,3 +49,17 @@ def principal_components(cube):
     out = np.zeros((3, len(spectra)))
     out[:n] = scores
     return out.reshape(3, *cube.shape)
+
+
+def baseline_correlations(cube, truth):
+    """{baseline: magnitude of its correlation with the true sky-lit texture, non-sky}.
+
+    A baseline's sign is arbitrary, so its magnitude counts; of three components the best.
+    """
+    raw, ground = panchromatic(cube), non_sky(truth)
+    score = lambda picture: abs(correlation(picture, truth.sky_texture, ground))  # noqa: E731
+    return {
+        "panchromatic": score(raw),
+        "clahe": score(clahe(raw)),
+        "principal_components": max(score(c) for c in principal_components(cube)),
+    }

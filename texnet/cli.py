@@ -130,6 +130,7 @@ def _decompose(cube_path, directory, library, method, k):
     beside = _truth_path(cube_path)
     truth = Truth.load(beside) if beside.exists() else None
 
+    from .baselines import baseline_correlations
     from .metrics import evaluate
     from .outputs import check_directory, write_decomposition
     from .pipeline import decompose
@@ -138,7 +139,9 @@ def _decompose(cube_path, directory, library, method, k):
     check_directory(directory)
     with progress_bar() as report:
         d = decompose(cube, library, method=method, k=k, progress=report)
-    metrics = None if truth is None else evaluate(d, truth)
+    metrics = None
+    if truth is not None:
+        metrics = evaluate(d, truth) | {"baselines": baseline_correlations(cube, truth)}
     paths = write_decomposition(d, cube, truth, directory)
 
     ground = d.temperature_k[np.asarray(d.material_names)[d.material] != "sky"]
@@ -171,7 +174,9 @@ def _summary(r):
             "Against the truth beside the cube:",
             f"             temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)",
             f"             {100 * m['material_accuracy']:.1f} % of the pixels get their material",
-            f"             sky-lit texture correlates at {m['texture_correlation']:.2f}",
+            f"             sky-lit texture correlates at {m['texture_correlation']:.2f} (raw thermal "
+            f"{m['baselines']['panchromatic']:.2f}, CLAHE {m['baselines']['clahe']:.2f}, "
+            f"PCA {m['baselines']['principal_components']:.2f})",
         ]
     lines += ["Files        " + str(r["files"]["tex_vision"]) + "   <- look at this first"]
     lines += [f"             {p}" for key, p in r["files"].items() if key != "tex_vision"]

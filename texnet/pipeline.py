@@ -22,13 +22,14 @@ from physics.semiglobal import Objective, refine
 
 METHODS = ("local", "sgd")
 MAX_K = 10
+RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it
 
 
 @dataclass(frozen=True, eq=False)
 class Decomposition:
     """TeX and how sure it is. Maps are (height, width).
 
-    temperature_k         K; for sky pixels that of the air
+    temperature_k         K; for sky pixels that of what stands before the sky, if any, or the air's
     material              int16, index into material_names
     thermal_lighting      V (k, height, width), summing to 1; zero for sky pixels
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
@@ -116,6 +117,19 @@ def decompose(
     return _assemble(cube, library, environment, model, local, answer, seconds, lap)
 
 
+def _temperature_at_sky(cube, library, model, local, state, sky):
+    """T of sky pixels: of what stands before the sky where something does, else of the air."""
+    energy = local.energy[sky].copy()
+    of_sky = energy[:, library.sky_index].copy()
+    energy[:, library.sky_index] = np.inf
+    best = energy.argmin(axis=1)
+    p = np.arange(len(best))
+    rim = (model.sky_share[state.row[sky]] < 1) | (energy[p, best] - of_sky < RIM_NATS)
+    air = brightness_temperature(cube.wavelength_um, cube.spectra[sky].astype(np.float64))
+    # the air is as warm as its opaque bands look
+    return np.where(rim, local.temperature_k[sky][p, best], air.max(axis=1))
+
+
 def _assemble(cube, library, environment, model, local, answer, seconds, lap):
     state, probability = answer.state, answer.probability
     texture = np.empty((cube.bands, len(state.material)), np.float32)
@@ -137,8 +151,8 @@ def _assemble(cube, library, environment, model, local, answer, seconds, lap):
     unknown = (residual**2 > limit) | (probability.max(axis=1) < 0.5)
     sky = state.material == (library.sky_index if environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
-    air = brightness_temperature(cube.wavelength_um, cube.spectra[sky].astype(np.float64))
-    state.temperature_k[sky] = air.max(axis=1)  # where the air is opaque
+    if sky.any():
+        state.temperature_k[sky] = _temperature_at_sky(cube, library, model, local, state, sky)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
         a.reshape(*a.shape[:-1], *cube.shape), dtype
     )
