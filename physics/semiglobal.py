@@ -60,7 +60,7 @@ class State:
     row: np.ndarray
 
 
-def material_shares(energy, sweeps=30, samples=20000):
+def material_shares(energy, sweeps=5, samples=20000):
     """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation."""
     u = energy[:: max(1, len(energy) // samples)].astype(np.float64)
     likelihood = np.exp(u.min(axis=1, keepdims=True) - u)

@@ -84,15 +84,14 @@ def comparison_figure(decomposition, cube, truth, path):
         ("3 principal components", as_rgb, max(abs(match(c)) for c in components)),
         ("TeX vision", tex_vision(d), match(d.sky_texture)),
     ]
-    fig, axes = _panels(1, 4 if truth is None else 5, cube.shape)
-    for ax, (title, picture, r) in zip(axes[0], pictures, strict=False):
-        _bare(ax, title)
+    fig, axes = _panels(2, 2 if truth is None else 3, cube.shape)
+    for ax, (title, picture, r) in zip(axes.flat, pictures, strict=False):
+        _bare(ax, title if truth is None else f"{title}\ntexture correlation {r:.2f}")
         ax.imshow(picture)
-        if truth is not None:
-            ax.set_xlabel(f"texture correlation {r:.2f}", fontsize=LABEL)
     if truth is not None:
-        _bare(axes[0, 4], "the same by day (truth)")
-        axes[0, 4].imshow(daylight_srgb(truth))
+        _bare(axes[1, 1], "the same by day (truth)")
+        axes[1, 1].imshow(daylight_srgb(truth))
+        _show_materials(axes[1, 2], "material", d, d)
     _save(fig, path)
 
 
