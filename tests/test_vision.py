@@ -116,7 +116,7 @@ def test_every_file_is_written(tmp_path, with_truth, sky):
     np.testing.assert_array_equal(np.rint(255 * shown), tex_vision(d))
     for name in ("maps", "comparison"):
         picture = matplotlib.image.imread(paths[name])
-        assert picture.shape[1] > 1000 and picture[..., :3].std() > 0.05, "an empty figure"
+        assert picture.shape[1] > 600 and picture[..., :3].std() > 0.05, "an empty figure"
     with OpenEXR.File(str(paths["maps_exr"]), separate_channels=True) as file:
         maps = {name: c.pixels for name, c in file.channels().items()}
     assert {"T", "sigmaT", "material", "V.0", "V.1", "skyTexture"} <= set(maps)
