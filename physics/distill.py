@@ -6,13 +6,15 @@ Eq. 1, only the sky's lighting is kept (the paper's section on TeX-SGD),
     X_sky = sum of V_j S_j over the objects j that stand for the sky,
 
 and fused with the residual S - S~, which holds the light of true surroundings that
-deviate from the k spectra. Along `Environment.spread` this deviation D = c spread has,
-given the residual, a Gaussian posterior (prior c ~ N(0, I)) with mean
+deviate from the k spectra. Along `Environment.spread` and `skylight_spread` the deviation
+D = c [spread, skylight_spread] has, given the residual, a Gaussian posterior (c ~ N(0, I)
+before it, U as in `reduced`) with mean
 
-    c = (I + U' U)^-1 U' (S - S~) / sigma,     U = (1 - e) spread' / sigma.
+    c = (I + U' U)^-1 U' (S - S~) / sigma.
 
-X = V S + D then is the texture. Without sky among the objects X is not daylight, and
-the residual alone (its root mean square in noise units) shows the texture.
+X = V S + D then is the texture, and X_sky gains V_sky times the skylight's part of D: the
+rest of the residual is the light of other objects. Without sky among the objects X is not
+daylight, and the residual alone (its root mean square in noise units) shows the texture.
 """
 
 import numpy as np
@@ -41,11 +43,14 @@ def distill(model, spectra, row, temperature_k, thermal_lighting):
     c = np.linalg.solve(np.eye(u.shape[2]) + u.transpose(0, 2, 1) @ u,
                         u.transpose(0, 2, 1) @ r[:, :, None])  # fmt: skip
     residual = np.sqrt(((r - (u @ c)[..., 0]) ** 2).mean(axis=1))
-    texture = texture + c[:, : len(environment.spread), 0] @ environment.spread
+    n = len(environment.spread)
+    of_sky = c[:, n : n + len(environment.skylight_spread), 0] @ environment.skylight_spread
+    texture = texture + c[:, :n, 0] @ environment.spread + of_sky
     sky = model.material[row] == model.library.sky_index
     texture[sky] = 0.0
     if not environment.sky:
         return texture, residual, residual
     objects = list(environment.sky)
-    lit = thermal_lighting[:, objects] @ environment.radiance[objects].mean(axis=1)
+    v = thermal_lighting[:, objects]
+    lit = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky.mean(axis=1)
     return texture, np.where(sky, 0.0, lit), residual

@@ -16,6 +16,7 @@ class Environment:
     wavelength_um  (bands,) um, ascending
     sky            which objects stand for the sky, by index; empty: the sky is absent
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
+    skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
     sky_mean       (bands,) mean of the sky's own pixels; the sky objects' mean if not given,
                    None where no sky is in view: then no pixel can be sky
@@ -28,6 +29,7 @@ class Environment:
     wavelength_um: np.ndarray
     sky: tuple[int, ...] = ()
     spread: np.ndarray | None = None
+    skylight_spread: np.ndarray | None = None
     error_k: float = 0.0
     sky_mean: np.ndarray | None = None
     sky_spread: np.ndarray | None = None
@@ -47,12 +49,12 @@ class Environment:
         if not 0 <= self.error_k < 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))
-        spread = none if self.spread is None else np.array(self.spread, np.float64)
-        sky_spread = none if self.sky_spread is None else np.array(self.sky_spread, np.float64)
+        names = ("spread", "skylight_spread", "sky_spread")
+        given = {name: getattr(self, name) for name in names}
+        fields = {n: none if a is None else np.array(a, np.float64) for n, a in given.items()}
         sky_mean = self.sky_mean
         if sky_mean is None and sky:
             sky_mean = s[list(sky)].mean(axis=0)
-        fields = dict(spread=spread, sky_spread=sky_spread)
         if sky_mean is not None:
             fields["sky_mean"] = np.array(sky_mean, np.float64)
         for name, array in fields.items():

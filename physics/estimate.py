@@ -11,7 +11,7 @@
    law to smaller air masses, band by band: up to three objects (one for k = 2).
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
-   directions; and how the extrapolated skies change with the air temperature assumed.
+   directions; `skylight_spread`: how the extrapolated skies change with the air temperature.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
 the time does not grow with the cube.
@@ -71,24 +71,24 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
         means = np.stack([spectra[upper].mean(axis=0), spectra[~upper].mean(axis=0)])
         objects = (0,) if sky.any() else ()
         return Environment(
-            means * cube.sigma, cube.wavelength_um, objects, None, ERROR_K, **sky_fields
+            means * cube.sigma, cube.wavelength_um, objects, error_k=ERROR_K, **sky_fields
         )
 
     ratios = AIR_MASS_RATIOS[min(k - 1, len(AIR_MASS_RATIOS) - 1)] if sky.any() else ()
     ground = spectra[~sky] if (~sky).any() else spectra
     fit = KMeans(min(k - len(ratios), len(ground)), n_init=3, random_state=seed).fit(ground)
     means = fit.cluster_centers_
-    spread = _principal(ground - means[fit.labels_])
+    spread, skylight = _principal(ground - means[fit.labels_]), None
     if ratios:
         cold = spectra[sky].mean(axis=1)
         seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
         skies = _overhead(cube.wavelength_um, seen, ratios, AIR_EXCESS_K) / cube.sigma
         deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
         means = np.concatenate([skies.mean(axis=0), means])
-        spread = np.concatenate([spread, _principal(deviations)])
+        skylight = _principal(deviations) * cube.sigma
     return Environment(
         means * cube.sigma, cube.wavelength_um, tuple(range(len(ratios))), spread * cube.sigma,
-        ERROR_K, **sky_fields,
+        skylight, ERROR_K, **sky_fields,
     )  # fmt: skip
 
 

@@ -18,12 +18,13 @@ so that all pixels meet all hypotheses in one matrix product (s -> h, s' P s), a
 everything after that lives in r = n + k dimensions, with no work per band.
 
 The noise is the sensor's (white after division by sigma) plus what the model cannot say:
-true surroundings deviate from the k spectra along `Environment.spread` and by
-`Environment.error_k` in every band, of which m reflects (1 - e_m); the sky's pixels
+true surroundings deviate from the k spectra along `Environment.spread` and
+`skylight_spread`, and by `error_k` in every band, of which m reflects (1 - e_m); the sky's pixels
 scatter about their mean along `Environment.sky_spread`; alpha is known to sigma_alpha:
 
     C = I + diag((1 - alpha)(1 - e_m) error / sigma)^2 + U U'
-    U = [(1 - alpha)(1 - e_m) spread', alpha sky_spread', sigma_alpha (S_sky - B(T_prior))] / sigma
+    U = [(1 - alpha)(1 - e_m) [spread', skylight_spread'], alpha sky_spread',
+         sigma_alpha (S_sky - B(T_prior))] / sigma
 
 A mirror is predicted no better than its surroundings are known.
 
@@ -148,6 +149,7 @@ def reduce_model(
     u = np.concatenate(
         [
             glass[:, None] * environment.spread / sigma,
+            glass[:, None] * environment.skylight_spread / sigma,
             share[:, None, None] * environment.sky_spread / sigma,
             share_sigma[:, None, None] * rim,
         ],
