@@ -8,7 +8,10 @@ contrast     Eq. 7: what the contrast of a thermal image is made of
 heat_cube    HeatCube
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
 sky          the spectrum of a clear sky
-environment  Environment, and how it is estimated from a cube
+environment  Environment: the k objects that light a scene
+estimate     the environment from the cube's own pixels
+bands        bands of finite width
+reduced      the forward model in r dimensions, and the evidence
 local        Eq. 6 exactly, pixel by pixel
 semiglobal   Eq. 6 with smoothness of T and m
 distill      the texture that the sky alone lights

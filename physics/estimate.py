@@ -24,13 +24,14 @@ from .environment import Environment
 from .errors import InputError
 from .planck import brightness_temperature, radiance, radiance_derivative
 
-SAMPLES = 10000
+SAMPLES = 6000
 SKY_CLUSTERS = 12
 MISSING = 0.2  # of B(T_air) in the clearest band, for a cluster to be sky
 MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # of the sky's objects over the clearest visible sky, for k = 1, 2, 3 or 4, 5 and more
 AIR_MASS_RATIOS = ((), (0.6,), (0.4, 1.0), (0.4, 1.0), (0.2, 0.5, 1.0))
 AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of the air over the sky's largest brightness temperature
+EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
 ERROR_K = 0.3  # of X beyond all that
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
@@ -50,6 +51,8 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
         raise InputError(f"environment: method must be kmeans or halves, got {method!r}.")
     if k < 1 or (method == "halves" and k != 2):
         raise InputError(f"environment: k must be at least 1, and 2 for halves; got {k}.")
+    if method == "halves" and cube.shape[0] < 2:
+        raise InputError("environment: halves needs a picture of at least two rows.")
     pixels = cube.shape[0] * cube.shape[1]
     if k > pixels:
         raise InputError(f"environment: k = {k} objects need at least {k} pixels, got {pixels}.")
@@ -76,7 +79,10 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
 
     ratios = AIR_MASS_RATIOS[min(k - 1, len(AIR_MASS_RATIOS) - 1)] if sky.any() else ()
     ground = spectra[~sky] if (~sky).any() else spectra
-    fit = KMeans(min(k - len(ratios), len(ground)), n_init=3, random_state=seed).fit(ground)
+    # one small hot object shall not take an environment object from all others
+    cut = int(EXTREMES * len(ground))
+    ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
+    fit = _clusters(ground, k - len(ratios), 3, seed)
     means = fit.cluster_centers_
     spread, skylight = _principal(ground - means[fit.labels_]), None
     if ratios:
@@ -97,8 +103,8 @@ def _sky_pixels(cube, library, spectra, row, seed):
     sky = np.zeros(len(spectra), bool)
     if library.sky_index is None:
         return sky
-    transmittance = 1 - library.at(cube.wavelength_um, cube.fwhm_um.max())[library.sky_index]
-    fit = KMeans(min(SKY_CLUSTERS, len(spectra)), n_init=1, random_state=seed).fit(spectra)
+    transmittance = 1 - library.at(cube.wavelength_um)[library.sky_index]
+    fit = _clusters(spectra, SKY_CLUSTERS, 1, seed)
     centres = fit.cluster_centers_ * cube.sigma
     scene_k = np.median(brightness_temperature(cube.wavelength_um, centres))
     missing = np.array([_missing(cube.wavelength_um, c, transmittance, scene_k) for c in centres])
@@ -135,6 +141,12 @@ def _overhead(wavelength_um, seen, ratios, excess_k):
     air_k = brightness_temperature(wavelength_um, seen).max() + np.array(excess_k)
     glow = radiance(wavelength_um, air_k[:, None, None])
     return glow * (1 - (1 - seen / glow) ** np.array(ratios)[:, None])
+
+
+def _clusters(spectra, k, starts, seed):
+    """K-means, with no more clusters than there are different spectra."""
+    k = min(k, len(np.unique(spectra, axis=0)))
+    return KMeans(k, n_init=starts, random_state=seed).fit(spectra)
 
 
 def _principal(deviations):

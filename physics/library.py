@@ -103,15 +103,14 @@ class MaterialLibrary:
             self.hue_deg[i], self.albedo_rgb[i], [self.descriptions[j] for j in i],
         )  # fmt: skip
 
-    def at(self, wavelength_um, tolerance_um=0.0):
+    def at(self, wavelength_um):
         """(materials, n) emissivity at wavelengths in um, linear in between.
 
-        Raises InputError where the library's curves do not reach; up to tolerance_um
-        beyond their ends the last value holds.
+        Raises InputError where the library's curves do not reach.
         """
         w = np.asarray(wavelength_um, dtype=np.float64)
         low, high = self.wavelength_um[[0, -1]]
-        if w.min() < low - tolerance_um - 1e-9 or w.max() > high + tolerance_um + 1e-9:
+        if w.min() < low - 1e-9 or w.max() > high + 1e-9:
             raise InputError(
                 f"library: its curves cover {low:g}-{high:g} um but the bands need "
                 f"{w.min():g}-{w.max():g} um; drop bands or take another library."

@@ -8,7 +8,7 @@ units (s = S / sigma) is then linear in V and nonlinear only in the scalar T:
     u  = [C_0(tau), ..., C_{n-1}(tau), V_1, ..., V_k],   T = T_mid + T_half tau
 
 because e_m B(T) / sigma is, over the allowed range of T, a Chebyshev series in tau of
-some n = 6..9 terms to 0.005 noise units (C_0 = 1 carries the sky's share). The first n
+some n = 6..20 terms to 0.005 noise units (C_0 = 1 carries the sky's share). The first n
 columns of A are the series' coefficient spectra, the others the reflected environment.
 With P the inverse noise covariance, the cost of a pixel is
 
@@ -34,8 +34,9 @@ of the scale of the scene, the Laplace evidence is
     log Z = -chi^2 / 2 - prior terms - occam
     occam = log det(I + Sigma_prior F) / 2 + log det(C) / 2 - log(prior share)
 
-with F the Fisher information of (T, V). A mirror with free V reproduces any environment
-spectrum; occam is what it pays for having had to tune V. The sky has nothing to tune.
+with F the Fisher information of (T, V) at the prior mean of T. A mirror with free V
+reproduces any environment spectrum; occam is what it pays for having had to tune V. The
+sky has nothing to tune.
 """
 
 from dataclasses import dataclass
@@ -114,7 +115,7 @@ class ReducedModel:
 def reduce_model(
     cube: HeatCube, library: MaterialLibrary, environment: Environment
 ) -> ReducedModel:
-    """Build the reduced model for a cube's bands and noise; reads pixels only for the T prior.
+    """Build the reduced model; of the cube, its bands, noise and range of T.
 
     Raises InputError where library or environment are not for the cube's bands.
     """
@@ -128,12 +129,15 @@ def reduce_model(
         )
     t = scene_temperatures(cube)
     prior_mean, prior_sigma = float(np.median(t)), max(MIN_TEMPERATURE_SPREAD_K, float(t.std()))
-    low, high = max(t.min() - 40.0, 60.0), t.max() + 60.0
+    # the darkest and the brightest that every band saw: no pixel lies beyond
+    ends = np.stack([cube.radiance.min(axis=(1, 2)), cube.radiance.max(axis=(1, 2))])
+    ends = brightness_temperature(w, ends.astype(np.float64)).mean(axis=1)
+    low, high = max(ends[0] - 40.0, 60.0), ends[1] + 60.0
     mid, half = 0.5 * (high + low), 0.5 * (high - low)
 
     material, curve, share, share_sigma, prior = _hypotheses(library, environment)
     nodes = quadrature(w, cube.fwhm_um)
-    curves = library.at(nodes.ravel(), cube.fwhm_um.max()).reshape(len(library), *nodes.shape)
+    curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
     emissivity = curves.mean(axis=-1)[curve]
     series = _planck_series(nodes, curves, sigma, mid, half)[curve]  # (R, n, bands)
@@ -193,6 +197,8 @@ def reduce_model(
 def _hypotheses(library, environment):
     """Library index, curve index, alpha, sigma_alpha and prior share of every hypothesis."""
     ground = [m for m in range(len(library)) if m != library.sky_index]
+    if not ground and (environment.sky_mean is None or library.sky_index is None):
+        raise InputError("library: it holds only the sky, but no sky is in view; add materials.")
     if environment.sky_mean is None or library.sky_index is None:
         n = len(ground)
         return np.array(ground), np.array(ground), np.zeros(n), np.zeros(n), np.ones(n)
@@ -218,7 +224,7 @@ def _planck_series(nodes, emissivity, sigma, mid, half):
     b = radiance(nodes, (mid + half * grid)[:, None, None])  # (T, bands, nodes)
     glow = np.einsum("mbn,tbn->tmb", emissivity, b) / nodes.shape[1] / sigma
     flat = glow.reshape(len(grid), -1)
-    for degree in range(1, 20):
+    for degree in range(1, 40):
         coefficients = chebyshev.chebfit(grid, flat, degree)
         if np.abs(chebyshev.chebval(grid, coefficients).T - flat).max() < SERIES_TOLERANCE:
             break

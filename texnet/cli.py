@@ -33,6 +33,9 @@ def main(argv=None):
     except (InputError, OSError) as e:  # OSError: a full disk, a read-only folder
         print(f"texnet: error: {' '.join(str(e).split())}", file=sys.stderr)
         return 2
+    except MemoryError:
+        print("texnet: error: not enough memory; take fewer pixels or bands.", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
     return 0
@@ -70,8 +73,9 @@ def simulate(args):
             netd_k=args.netd, seed=args.seed, progress=lambda n, of: report(n, of, "simulate"),
         )  # fmt: skip
     beside = _truth_path(args.out)
-    truth.save(beside)
+    beside.unlink(missing_ok=True)  # never a truth beside another scene's cube
     write_cube(cube, args.out)
+    truth.save(beside)
     text = (
         f"{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels.\n"
         f"{beside}: its truth."
@@ -152,7 +156,8 @@ def _decompose(cube_path, directory, library, method, k):
         "command": "decompose", "cube": cube_path, "method": method, "k": len(d.environment),
         "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
-        "materials": shares, "unknown": d.unknown.mean(), "residual": np.median(d.residual),
+        "materials": shares, "sky_in_view": bool(d.sky),
+        "unknown": d.unknown.mean(), "residual": np.median(d.residual),
         "seconds": d.seconds, "metrics": metrics, "files": paths,
     }  # fmt: skip
     return _summary(result), result
@@ -168,6 +173,8 @@ def _summary(r):
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]
+    if not r["sky_in_view"]:
+        lines.append("Sky          none in view: texture is the residual; wrong if outdoors")
     if r["metrics"] is not None:
         m, today = r["metrics"], r["metrics"]["baselines"]
         lines += [

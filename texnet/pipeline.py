@@ -22,6 +22,9 @@ from physics.semiglobal import Objective, refine
 
 METHODS = ("local", "sgd")
 MAX_K = 10
+CHI2_SIGMAS = 6.0  # beyond which nothing in the library fits
+OWN_PROBABILITY = 0.2  # of the answer from the pixel's own evidence, below which it is unknown
+AIR_SIGMA_K = 5.0  # of the air's temperature from the sky's brightness
 RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it
 
 
@@ -36,11 +39,13 @@ class Decomposition:
     texture               X (bands, height, width) W m-2 sr-1 um-1
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean);
                           the residual where the environment has no sky
-    residual              root mean square of S - S~ in noise units
+    residual              root mean square of S - S~ in noise units, less what deviations of
+                          the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
     material_probability  (materials, height, width)
-    unknown               True where the answer should not be trusted: the residual says that
-                          nothing in the library fits, or no material is likelier than not
+    unknown               True where the answer should not be trusted: nothing in the library
+                          fits, no material is likelier than not, or only the neighbours
+                          speak for the one given
     hue_deg               (materials,) TeX-vision hues
     netd_k                the noise that was assumed, K
     objective             E of `physics.semiglobal` along the refinement, nats; empty for local
@@ -118,7 +123,7 @@ def decompose(
 
 
 def _temperature_at_sky(cube, library, model, local, state, sky):
-    """T of sky pixels: of what stands before the sky where something does, else of the air."""
+    """T and its sigma, K, of sky pixels: of what stands before the sky, if any, or the air's."""
     energy = local.energy[sky].copy()
     of_sky = energy[:, library.sky_index].copy()
     energy[:, library.sky_index] = np.inf
@@ -127,7 +132,10 @@ def _temperature_at_sky(cube, library, model, local, state, sky):
     rim = (model.sky_share[state.row[sky]] < 1) | (energy[p, best] - of_sky < RIM_NATS)
     air = brightness_temperature(cube.wavelength_um, cube.spectra[sky].astype(np.float64))
     # the air is as warm as its opaque bands look
-    return np.where(rim, local.temperature_k[sky][p, best], air.max(axis=1))
+    return (
+        np.where(rim, local.temperature_k[sky][p, best], air.max(axis=1)),
+        np.where(rim, local.sigma_k[sky][p, best], AIR_SIGMA_K),
+    )
 
 
 def _assemble(cube, library, environment, model, local, answer, seconds, lap):
@@ -142,23 +150,27 @@ def _assemble(cube, library, environment, model, local, answer, seconds, lap):
             state.temperature_k[b], state.thermal_lighting[b],
         )  # fmt: skip
         texture[:, b] = x.T
-    # doubt about m widens sigma of T: variance of the mixture about the answer
-    other = (local.temperature_k - state.temperature_k[:, None]) ** 2
-    variance = (probability * (local.sigma_k**2 + other)).sum(axis=1)
-    sigma = np.sqrt(np.maximum(variance, answer.sigma_k**2))
-    # a chi^2 far beyond its spread, or no material likelier than not
-    limit = 1 + 6 * np.sqrt(2 / cube.bands)
-    unknown = (residual**2 > limit) | (probability.max(axis=1) < 0.5)
     sky = state.material == (library.sky_index if environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
+    t, own_sigma = state.temperature_k.copy(), answer.sigma_k.copy()
     if sky.any():
-        state.temperature_k[sky] = _temperature_at_sky(cube, library, model, local, state, sky)
+        t[sky], own_sigma[sky] = _temperature_at_sky(cube, library, model, local, state, sky)
+    # doubt about m widens sigma of T: variance of the mixture about the answer
+    variance = (probability * (local.sigma_k**2 + (local.temperature_k - t[:, None]) ** 2)).sum(1)
+    sigma = np.where(sky, own_sigma, np.sqrt(np.maximum(variance, own_sigma**2)))
+    # chi^2 far beyond its spread; or no material likelier than not; or the pixel's own
+    # evidence against what its neighbours made of it
+    p = np.arange(len(t))
+    own = np.exp(local.energy.min(axis=1) - local.energy[p, state.material])
+    own /= np.exp(local.energy.min(axis=1, keepdims=True) - local.energy).sum(axis=1)
+    unknown = residual**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / cube.bands)
+    unknown |= (probability[p, state.material] < 0.5) | (own < OWN_PROBABILITY)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
         a.reshape(*a.shape[:-1], *cube.shape), dtype
     )
     lap("texture")
     return Decomposition(
-        temperature_k=maps(state.temperature_k),
+        temperature_k=maps(t),
         material=maps(state.material, np.int16),
         material_names=library.names,
         thermal_lighting=maps(lighting.T),

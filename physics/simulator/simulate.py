@@ -50,7 +50,7 @@ def simulate(
     if not 0 <= netd_k < 100:
         raise InputError(f"simulate: NETD must be at least 0 and below 100 K, got {netd_k}.")
     bands = Bands.of(wavelength_um, fwhm_um)
-    emissivity = library.at(bands.fine_um, tolerance_um=bands.fwhm_um.max() / 2)
+    emissivity = library.at(bands.fine_um)
     q = roulette(emissivity)
     tracer = Tracer(scene, library)
     temperatures = tracer.temperature_k.min(), tracer.temperature_k.max()
