@@ -210,3 +210,10 @@ def test_progress_is_reported_to_the_end():
     assert {what for *_, what in seen} == {"local", "refine"}
     assert (600, 600, "local") in seen
     assert all(0 < done <= total for done, total, _ in seen)
+
+
+def test_few_bands_make_it_doubt_its_materials():
+    """Neighbours cannot know what no pixel knows: one band tells hardly any material."""
+    doubt = [answer("sgd", 5, bands)[0].unknown.mean() for bands in (54, 4, 1)]
+    assert doubt[0] < doubt[1] < doubt[2]
+    assert doubt[2] > 0.7
