@@ -7,6 +7,8 @@ import numpy as np
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
 
+MAX_TYPICAL_K = 1000.0  # beyond it the units are wrong, not the scene hot
+
 
 def check_wavelength(wavelength_um, what):
     """A validated (n,) float64 wavelength axis in um; InputError says what is wrong."""
@@ -61,6 +63,13 @@ class HeatCube:
             raise InputError(
                 f"cube: {np.count_nonzero(s <= 0)} radiance values are zero or negative; "
                 "check the calibration and drop dead bands."
+            )
+        middle = len(w) // 2
+        typical_k = brightness_temperature(w[middle], float(np.median(s[middle])))
+        if typical_k > MAX_TYPICAL_K:
+            raise InputError(
+                f"cube: half of it looks hotter than {typical_k:.0f} K; give radiance in "
+                "W m-2 sr-1 um-1 (1 microflick is 0.01 of it)."
             )
         width = np.zeros_like(w) if self.fwhm_um is None else np.array(self.fwhm_um, np.float64)
         if width.shape != w.shape or not np.isfinite(width).all() or (width < 0).any():

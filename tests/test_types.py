@@ -374,3 +374,10 @@ def test_sky_of_an_environment():
     none = Environment(s, W)
     assert none.sky == ()
     assert len(none) == 2 and none.spread.shape == none.sky_spread.shape == (0, 5)
+
+
+def test_radiance_in_microflicks_is_noticed():
+    w = np.array([9.0, 10.0, 11.0])
+    s = radiance(w, 290.0)[:, None, None] * np.ones((3, 2, 2))
+    HeatCube(s, w)
+    assert "microflick" in sentence(HeatCube, 100 * s, w)
