@@ -14,7 +14,7 @@ class Environment:
 
     radiance       (k, bands) W m-2 sr-1 um-1, finite and positive
     wavelength_um  (bands,) um, ascending
-    sky            which objects stand for the sky, by index; empty: the sky is absent
+    sky            which objects stand for the sky, by index; empty: none does
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K

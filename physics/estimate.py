@@ -88,7 +88,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     if ratios:
         cold = spectra[sky].mean(axis=1)
         seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
-        skies = _overhead(cube.wavelength_um, seen, ratios, AIR_EXCESS_K) / cube.sigma
+        skies = _overhead(cube.wavelength_um, seen, ratios) / cube.sigma
         deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
         means = np.concatenate([skies.mean(axis=0), means])
         skylight = _principal(deviations) * cube.sigma
@@ -132,13 +132,13 @@ def _missing(wavelength_um, spectrum, transmittance, scene_k):
     return 1 - opacity[j].min() if sky < 0.8 * grey or wavelength_um.size < 3 else 0.0
 
 
-def _overhead(wavelength_um, seen, ratios, excess_k):
+def _overhead(wavelength_um, seen, ratios):
     """Skies (excess, ratios, bands) at air masses of ratios times that of a visible one.
 
-    S = B(T_air) (1 - t^a) solved for t^a band by band, with T_air a little (excess_k) above
-    the largest brightness temperature.
+    S = B(T_air) (1 - t^a) solved for t^a band by band, with T_air a little (AIR_EXCESS_K)
+    above the largest brightness temperature.
     """
-    air_k = brightness_temperature(wavelength_um, seen).max() + np.array(excess_k)
+    air_k = brightness_temperature(wavelength_um, seen).max() + np.array(AIR_EXCESS_K)
     glow = radiance(wavelength_um, air_k[:, None, None])
     return glow * (1 - (1 - seen / glow) ** np.array(ratios)[:, None])
 

@@ -18,7 +18,7 @@ from .vision import tex_vision
 
 PANEL_INCHES = 2.4
 DPI = 130
-TITLE, LABEL, SMALL = 11, 9, 8  # points: legible when a page scales the figure down
+TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
 RADIANCE = "W/m²/sr/µm"
 

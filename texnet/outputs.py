@@ -71,7 +71,7 @@ def write_decomposition(decomposition, cube, truth, directory):
 
 def _write_npz(d, path):
     arrays = {key: np.asarray(getattr(d, key)) for key in NPZ_KEYS}
-    # Text as fixed-width unicode an absent sky as no index: npz without pickle has no None.
+    # Text as fixed-width unicode, an absent sky as no index: npz without pickle has no None.
     arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
     arrays["sky"] = np.asarray(d.sky, np.int64)
     np.savez_compressed(path, **arrays)
