@@ -19,6 +19,7 @@ import numpy as np
 
 from .errors import InputError
 from .heat_cube import check_wavelength
+from .whole_file import whole_file
 
 SKY = "sky"
 
@@ -116,6 +117,23 @@ class MaterialLibrary:
                 f"{w.min():g}-{w.max():g} um; drop bands or take another library."
             )
         return np.stack([np.interp(w, self.wavelength_um, e) for e in self.emissivity])
+
+    def save(self, path):
+        """Write a library file (JSON, see the module), one material a line, whole or not at all."""
+        rows = [
+            {"name": n, "emissivity": list(e), "hue_deg": h, "albedo_rgb": list(rgb),
+             "description": text}
+            for n, e, h, rgb, text in zip(
+                self.names, self.emissivity, self.hue_deg, self.albedo_rgb, self.descriptions,
+                strict=True,
+            )
+        ]  # fmt: skip
+        lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows)
+        axis = json.dumps(list(self.wavelength_um))
+        with whole_file(path) as part:
+            part.write_text(
+                f'{{"wavelength_um": {axis},\n"materials": [\n{lines}\n]}}\n', encoding="utf-8"
+            )
 
     @staticmethod
     def load(path):

@@ -120,6 +120,21 @@ def library_rebuild(args):
     return f"{args.out}: written.", {"command": "library rebuild", "library": args.out}
 
 
+def library_import(args):
+    from physics.whole_file import check_writable
+
+    from .library_io import import_library, read_names
+
+    check_writable(args.out)
+    names = None if args.names is None else read_names(args.names)
+    library, note = import_library(args.file, args.wavenumbers, names, args.sky)
+    library.save(args.out)
+    return f"{note}\n{args.out}: {', '.join(library.names)}.", {
+        "command": "library import", "library": args.out, "note": note,
+        "materials": library.names, "wavelength_um": library.wavelength_um,
+    }  # fmt: skip
+
+
 # --- decompose and demo ------------------------------------------------------------------
 
 
@@ -272,6 +287,18 @@ def _parser():
         "--out", metavar="FILE", type=Path,
         default=files("physics") / "data" / "starter_library.json", help="default: the package's",
     )  # fmt: skip
+    p = add(actions, "import", library_import, "turn a library of others into one for --library")
+    p.add_argument(
+        "file", metavar="FILE", type=Path,
+        help="HADAR .mat, ECOSTRESS .txt or a folder of them, .csv",
+    )  # fmt: skip
+    p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
+    p.add_argument(
+        "--wavenumbers", metavar="FIRST:LAST", type=_wavenumbers,
+        help=".mat: first and last band in cm-1, equidistant, such as 760:1240",
+    )  # fmt: skip
+    p.add_argument("--names", metavar="FILE", type=Path, help=".mat: text, one name a line")
+    p.add_argument("--sky", metavar="NAME", help="the material that is the sky, if none is 'sky'")
     return parser
 
 
@@ -289,6 +316,13 @@ def _size(text):
     if match is None:
         raise argparse.ArgumentTypeError(f"need HEIGHTxWIDTH such as 256x384, got {text!r}")
     return int(match[1]), int(match[2])
+
+
+def _wavenumbers(text):
+    match = re.fullmatch(r"([0-9]{1,6}\.?[0-9]{0,9}):([0-9]{1,6}\.?[0-9]{0,9})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"need FIRST:LAST in cm-1 such as 760:1240, got {text!r}")
+    return float(match[1]), float(match[2])
 
 
 def _netd(text):

@@ -41,6 +41,8 @@ class Shader:
     coldest_k    K
     reflectance  (materials, n) 1 - e
     weight       (materials, n) (1 - e) / q
+    kind         (materials,) what the result calls each material: several materials of the
+                 paths may stand for one of the library that shades them
     sky          (SKY_ROWS, n) radiance; row i is at cos(zenith) = (i / (SKY_ROWS - 1))**2,
                  which is dense near the horizon; (1, n) zeros if there is no sky
     """
@@ -49,14 +51,15 @@ class Shader:
     coldest_k: float
     reflectance: np.ndarray
     weight: np.ndarray
+    kind: np.ndarray
     sky: np.ndarray
 
     @staticmethod
-    def build(wavelength_um, emissivity, q, temperature_range_k, atmosphere):
+    def build(wavelength_um, emissivity, q, temperature_range_k, atmosphere, kind=None):
         """Tables for (n,) ascending wavelengths in um.
 
         emissivity (materials, n); q (materials,) roulette; temperature_range_k (low, high);
-        atmosphere or None.
+        atmosphere or None; kind (materials,), each its own if None.
         """
         low, high = temperature_range_k
         coldest = np.floor(low)
@@ -70,7 +73,8 @@ class Shader:
         return Shader(
             radiance(wavelength_um, t[:, None]).astype(np.float32), float(coldest),
             (1 - emissivity).astype(np.float32),
-            ((1 - emissivity) / q[:, None]).astype(np.float32), sky.astype(np.float32),
+            ((1 - emissivity) / q[:, None]).astype(np.float32),
+            np.arange(len(q)) if kind is None else kind, sky.astype(np.float32),
         )  # fmt: skip
 
 
@@ -79,8 +83,8 @@ class Pixels:
     """What a block of pixels is worth; means over a pixel's samples.
 
     radiance       (pixels, n) S over all samples; the rest is over the samples whose first
-                   surface is of the pixel's majority material (the lowest index if tied)
-    material       (pixels,) uint16 majority material, or SKY
+                   surface is of the pixel's majority kind (the lowest index if tied)
+    material       (pixels,) uint16 kind of the majority material, or SKY
     temperature_k  (pixels,) NaN for SKY
     texture        (pixels, n) X; where the material is SKY, the radiance of the sky
     sky_texture    (pixels, n) X with every emitter but the sky switched off; likewise
@@ -97,12 +101,14 @@ class Pixels:
 
 def shade(paths, shader, spp):
     """Paths, spp per pixel -> Pixels."""
-    first = paths.material[paths.start[:-1]].reshape(-1, spp)
-    material = _majority(first, len(shader.reflectance))
+    first = paths.material[paths.start[:-1]]
+    sky = first == SKY
+    kind = np.where(sky, SKY, shader.kind[np.where(sky, 0, first)]).reshape(-1, spp)
+    material = _majority(kind, shader.kind.max() + 1)
     n = shader.glow.shape[1]
     sums = [np.zeros((len(material), n)) for _ in range(3)]
     scalars = _shade(
-        paths.start, paths.material, paths.value, material, spp, shader.glow,
+        paths.start, paths.material, paths.value, kind == material[:, None], shader.glow,
         np.float32(shader.coldest_k), shader.reflectance, shader.weight, shader.sky, *sums,
     )  # fmt: skip
     count, temperature, sky_view = scalars
@@ -114,15 +120,15 @@ def shade(paths, shader, spp):
 
 
 @njit(nogil=True, cache=True)
-def _majority(first, materials):
-    """(pixels,) most frequent material among the first surfaces (pixels, spp)."""
+def _majority(first, kinds):
+    """(pixels,) most frequent kind among the first surfaces (pixels, spp)."""
     majority = np.empty(len(first), np.uint16)
     for p in range(len(first)):
-        count = np.zeros(materials + 1, np.int64)  # the last one counts SKY
+        count = np.zeros(kinds + 1, np.int64)  # the last one counts SKY
         for m in first[p]:
-            count[min(m, materials)] += 1
+            count[min(m, kinds)] += 1
         best = np.argmax(count)
-        majority[p] = best if best < materials else SKY
+        majority[p] = best if best < kinds else SKY
     return majority
 
 
@@ -144,27 +150,28 @@ def _read(material, value, glow, coldest, sky, out):
 
 @njit(nogil=True, cache=True)
 def _shade(
-    start, material, value, majority, spp, glow, coldest, reflectance, weight, sky,
+    start, material, value, chosen, glow, coldest, reflectance, weight, sky,
     sum_s, sum_x, sum_sky,
 ):  # fmt: skip
     """Add every path's S, X and X_sky to the sums (pixels, n) of its pixel.
 
-    Returns count, temperature and sky-view sums (pixels,) of the majority's samples.
+    S of all samples, the rest of the chosen (pixels, spp). Returns count, temperature and
+    sky-view sums (pixels,) of the chosen.
     """
-    pixels, n = sum_s.shape
+    (pixels, spp), n = chosen.shape, sum_s.shape[1]
     count, temperature, sky_view = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
     first, here, before = np.empty((3, n), np.float32)
     x, w = np.empty((2, n), np.float32)
     for p in range(pixels):
         s, t_x, t_sky = sum_s[p], sum_x[p], sum_sky[p]
-        for path in range(p * spp, (p + 1) * spp):
+        for sample in range(spp):
+            path, counts = p * spp + sample, chosen[p, sample]
             a, end = start[path], start[path + 1]
-            chosen = material[a] == majority[p]
             _read(material[a], value[a], glow, coldest, sky, first)
             if material[a] == SKY:
                 for j in range(n):
                     s[j] += first[j]
-                if chosen:
+                if counts:
                     count[p] += 1
                     temperature[p] = np.nan
                     sky_view[p] += 1
@@ -192,7 +199,7 @@ def _shade(
             r = reflectance[material[a]]
             for j in range(n):
                 s[j] += first[j] + r[j] * (x[j] - first[j])
-            if chosen:
+            if counts:
                 count[p] += 1
                 temperature[p] += value[a]
                 for j in range(n):

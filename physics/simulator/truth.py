@@ -3,14 +3,11 @@
 The file is an npz without pickles whose keys are the field names.
 """
 
-import zipfile
-import zlib
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..errors import InputError
-from ..whole_file import whole_file
+from ..array_file import load_arrays, save_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,22 +42,11 @@ class Truth:
     def save(self, path):
         """Write a compressed npz, whole or not at all."""
         arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        # A file and not its name, to which numpy would add .npz.
-        with whole_file(path) as part, open(part, "wb") as file:
-            np.savez_compressed(file, **arrays)
+        save_arrays(path, arrays, compress=True)
 
     @staticmethod
     def load(path):
         """Read what `save` wrote; InputError if it is not that."""
-        try:
-            # Opened here, because np.load leaks the file if it is no whole zip.
-            with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-                missing = [f.name for f in fields(Truth) if f.name not in data.files]
-                arrays = {f.name: data[f.name] for f in fields(Truth) if f.name in data.files}
-        except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as e:
-            reason = getattr(e, "strerror", None) or "it is not a whole npz file of plain arrays"
-            raise InputError(f"truth: cannot read {path}: {reason}.") from e
-        if missing:
-            raise InputError(f"truth: {path} is no truth file; it lacks {', '.join(missing)}.")
+        arrays = load_arrays(path, [f.name for f in fields(Truth)], "truth")
         arrays["material_names"] = tuple(str(n) for n in arrays["material_names"])
         return Truth(**arrays)

@@ -1,0 +1,32 @@
+"""Named arrays in one npz file: written whole or not at all, read without pickle."""
+
+import zipfile
+import zlib
+
+import numpy as np
+
+from .errors import InputError
+from .whole_file import whole_file
+
+
+def save_arrays(path, arrays, *, compress):
+    """Write a dict of arrays as an npz, whole or not at all."""
+    # A file and not its name, to which numpy would add .npz.
+    with whole_file(path) as part, open(part, "wb") as file:
+        (np.savez_compressed if compress else np.savez)(file, **arrays)
+
+
+def load_arrays(path, names, what):
+    """Read the arrays of these names -> dict; InputError, which starts with `what`, if not all
+    are there or the file is damaged."""
+    try:
+        # Opened here, because np.load leaks the file if it is no whole zip.
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            missing = [n for n in names if n not in data.files]
+            arrays = {n: data[n] for n in names if n in data.files}
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as e:
+        reason = getattr(e, "strerror", None) or "it is not a whole npz file of plain arrays"
+        raise InputError(f"{what}: cannot read {path}: {reason}.") from e
+    if missing:
+        raise InputError(f"{what}: {path} is no {what} file; it lacks {', '.join(missing)}.")
+    return arrays

@@ -1,0 +1,263 @@
+"""Trace once, shade again: a scene's light paths, kept for any library and any bands.
+
+Paths hold no wavelength (`trace`), so the costly part, geometry and rays, is done once, and
+a second library or camera costs only its shading. The roulette that ended the paths is kept
+with them and divides out, so the curves of another library are shaded without bias; where
+they reflect more than those traced with, single paths weigh more and noise grows.
+
+Pixels are worked off in blocks, one per core at a time. A block's random numbers depend on
+the seed and the block alone, so the result does not depend on how threads are timed.
+"""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from ..array_file import load_arrays, save_arrays
+from ..errors import InputError
+from ..heat_cube import HeatCube
+from ..library import SKY as SKY_NAME
+from ..planck import radiance
+from ..sky import Atmosphere
+from .daylight import daylight
+from .sensor import FLOOR_K, Bands, add_noise
+from .shade import Shader, shade
+from .trace import SKY, Paths, Tracer, roulette
+from .truth import Truth
+
+PATHS_PER_BLOCK = 2**16  # some 10 MB of rays and paths, and a quarter of a second
+KEYS = (
+    "size", "spp", "seed", "materials", "roulette", "temperature_range_k", "atmosphere",
+    "vertices", "material", "value", "direct",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class TracedScene:
+    """The light paths of a scene, as one camera sees it.
+
+    size                 (height, width) in pixels
+    spp                  paths per pixel
+    seed                 of the paths and of the sensor noise
+    materials            names of the scene's materials; Paths.material points into them
+    roulette             (materials,) q that the paths were traced with
+    temperature_range_k  (low, high) of all surfaces, K
+    atmosphere           Atmosphere, or None in a closed scene
+    blocks               sequence of Paths, of `pixel_blocks(size, spp)`
+    """
+
+    size: tuple[int, int]
+    spp: int
+    seed: int
+    materials: tuple[str, ...]
+    roulette: np.ndarray
+    temperature_range_k: tuple[float, float]
+    atmosphere: Atmosphere | None
+    blocks: Sequence[Paths]
+
+    def shade(
+        self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, progress=None
+    ):
+        """Shade the paths -> (HeatCube, Truth), in terms of `library`.
+
+        library        MaterialLibrary, any
+        wavelength_um  (bands,) centres in um, ascending
+        fwhm_um        (bands,) widths in um, 0 for a narrow band
+        netd_k         sensor noise in K at 300 K; 0 leaves it out
+        materials      dict from each of the scene's materials to a name in the library,
+                       several of them to one if need be; each to its own name if None
+        progress       called as progress(done, total) between blocks of pixels
+
+        Where the curves reflect more than those traced with, a few paths may sum to less than
+        nothing; such an S or X is that of FLOOR_K, as in the noise of a sensor.
+
+        Raises InputError where the library, the names and the bands do not fit together.
+        """
+        if not 0 <= netd_k < 100:
+            raise InputError(f"simulate: NETD must be at least 0 and below 100 K, got {netd_k}.")
+        bands = Bands.of(wavelength_um, fwhm_um)
+        emissivity = library.at(bands.fine_um)
+        kind = self._kinds(library, materials)
+        shader = Shader.build(
+            bands.fine_um, emissivity[kind], self.roulette, self.temperature_range_k,
+            self.atmosphere, kind,
+        )  # fmt: skip
+        albedo_rgb = library.albedo_rgb[kind]
+
+        (height, width), n = self.size, len(bands.wavelength_um)
+        pixels, spans = height * width, pixel_blocks(self.size, self.spp)
+        s, x = (np.empty((n, pixels), np.float32) for _ in range(2))
+        temperature_k, sky_view, sky_texture = (np.empty(pixels, np.float32) for _ in range(3))
+        material, visible = np.empty(pixels, np.uint16), np.empty((pixels, 3), np.float32)
+
+        def render(block):
+            paths, at = self.blocks[block], slice(spans[block].start, spans[block].stop)
+            result = shade(paths, shader, self.spp)
+            s[:, at] = bands.average(result.radiance).T
+            x[:, at] = bands.average(result.texture).T
+            sky_texture[at] = bands.average(result.sky_texture).mean(axis=1)
+            temperature_k[at], sky_view[at] = result.temperature_k, result.sky_view
+            material[at] = result.material
+            visible[at] = daylight(paths, albedo_rgb, self.spp, self.atmosphere is None)
+
+        _in_threads(render, len(spans), progress)
+
+        floor = radiance(bands.wavelength_um[:, None], FLOOR_K)
+        for light in (s, x):
+            np.copyto(light, floor, where=light < 0, casting="same_kind")
+        sky = material == SKY
+        if sky.any() and library.sky_index is None:
+            raise InputError(f"simulate: the camera sees sky, but the library has no {SKY_NAME!r}.")
+        e = bands.average(emissivity).T[:, np.where(sky, 0, material)].astype(np.float32)
+        if sky.any():
+            air = self.atmosphere.air_temperature_k
+            glow = bands.average(radiance(bands.fine_um, air))
+            temperature_k[sky] = air
+            e[:, sky] = np.minimum(x[:, sky] / glow[:, None], 1)
+            x[:, sky] = 0
+            material[sky] = library.sky_index
+        truth = Truth(
+            temperature_k.reshape(height, width), material.astype(np.int16).reshape(height, width),
+            library.names, e.reshape(n, height, width), x.reshape(n, height, width),
+            sky_view.reshape(height, width), sky_texture.reshape(height, width),
+            visible.reshape(height, width, 3), bands.wavelength_um,
+        )  # fmt: skip
+        cube = s.reshape(n, height, width)
+        if netd_k > 0:
+            noise_seed = _seeds(self.seed, len(spans))[0]
+            cube = add_noise(cube, bands.wavelength_um, netd_k, np.random.default_rng(noise_seed))
+        return HeatCube(cube, bands.wavelength_um, bands.fwhm_um, netd_k or None), truth
+
+    def _kinds(self, library, materials):
+        """(materials,) the index into the library of each of the scene's materials."""
+        if materials is None:
+            materials = {name: name for name in self.materials}
+        missing = [name for name in self.materials if name not in materials]
+        if missing:
+            raise InputError(f"simulate: nothing stands for the scene's {', '.join(missing)}.")
+        return np.array([library.index(materials[name]) for name in self.materials])
+
+    def save(self, path):
+        """Write a compressed npz, whole or not at all; about 8 bytes per path."""
+        join = lambda key: np.concatenate([getattr(b, key) for b in self.blocks])  # noqa: E731
+        vertices = np.concatenate([np.diff(b.start) for b in self.blocks])
+        material, sky = join("material"), len(self.materials)
+        arrays = {
+            "size": np.array(self.size),
+            "spp": np.array(self.spp),
+            "seed": np.array(self.seed, np.uint64),
+            "materials": np.array(self.materials),
+            "roulette": self.roulette,
+            "temperature_range_k": np.array(self.temperature_range_k),
+            "atmosphere": np.array(astuple(self.atmosphere) if self.atmosphere else ()),
+            # The smallest integers that hold them; most files need one byte each.
+            "vertices": vertices.astype(np.min_scalar_type(vertices.max())),
+            "material": np.where(material == SKY, sky, material).astype(np.min_scalar_type(sky)),
+            "value": join("value"),
+            "direct": join("direct"),
+        }
+        save_arrays(path, arrays, compress=True)
+
+    @staticmethod
+    def load(path):
+        """Read what `save` wrote; InputError if it is not that."""
+        a = load_arrays(path, KEYS, "traced scene")
+        size, spp = tuple(int(n) for n in a["size"]), int(a["spp"])
+        sky = len(a["materials"])
+        material = a["material"].astype(np.uint16)
+        material[material == sky] = SKY
+        start = np.concatenate([[0], np.cumsum(a["vertices"], dtype=np.int64)])
+        blocks = []
+        for pixels in pixel_blocks(size, spp):
+            first, last = pixels.start * spp, pixels.stop * spp
+            at = slice(start[first], start[last])
+            blocks.append(
+                Paths(start[first : last + 1] - start[first], material[at], a["value"][at],
+                      a["direct"][first:last], a["roulette"])
+            )  # fmt: skip
+        low, high = a["temperature_range_k"]
+        return TracedScene(
+            size, spp, int(a["seed"]), tuple(str(n) for n in a["materials"]), a["roulette"],
+            (float(low), float(high)),
+            Atmosphere(*(float(v) for v in a["atmosphere"])) if len(a["atmosphere"]) else None,
+            tuple(blocks),
+        )  # fmt: skip
+
+
+def trace_scene(scene, size, spp, seed, library):
+    """Path-trace a scene and keep the paths -> TracedScene.
+
+    scene    Scene
+    size     (height, width) in pixels
+    spp      paths per pixel
+    seed     0 or more, below 2**64; same seed, same result
+    library  MaterialLibrary that holds the scene's materials; the roulette is fit to the
+             whole of its curves. With the curves at a camera's bands alone (`library.at`)
+             the paths are those of `simulate`. To shade with any library later, trace
+             with curves as low as its lowest: longer paths, and no path weighs much.
+
+    Raises InputError where the scene and the library do not fit together, or where rays
+    leave a scene without atmosphere.
+    """
+    if not 0 <= seed < 2**64:
+        raise InputError(f"simulate: the seed of a traced scene must be 0 to 2**64, got {seed}.")
+    scene = trace_on_demand(scene, size, spp, seed, library)
+    return replace(scene, blocks=_in_threads(scene.blocks.__getitem__, len(scene.blocks)))
+
+
+def trace_on_demand(scene, size, spp, seed, library):
+    """As trace_scene, but a block is traced each time it is asked for, and kept by nobody."""
+    height, width = (int(n) for n in size)
+    if height < 1 or width < 1 or spp < 1:
+        raise InputError(f"simulate: size and spp must be positive, got {tuple(size)} and {spp}.")
+    library = library.subset(dict.fromkeys(o.material for o in scene.objects))
+    tracer = Tracer(scene, library)
+    q = roulette(library.emissivity)
+    low, high = tracer.temperature_k.min(), tracer.temperature_k.max()
+    return TracedScene(
+        (height, width), spp, seed, library.names, q, (float(low), float(high)), scene.atmosphere,
+        _BlocksOnDemand(tracer, (height, width), spp, q, seed),
+    )  # fmt: skip
+
+
+class _BlocksOnDemand(Sequence):
+    def __init__(self, tracer, size, spp, q, seed):
+        self._tracer, self._size, self._spp, self._q = tracer, size, spp, q
+        self._spans = pixel_blocks(size, spp)
+        self._seeds = _seeds(seed, len(self._spans))[1:]
+
+    def __len__(self):
+        return len(self._spans)
+
+    def __getitem__(self, block):
+        rng = np.random.default_rng(self._seeds[block])
+        return self._tracer.paths(self._size, self._spans[block], self._spp, self._q, rng)
+
+
+def pixel_blocks(size, spp):
+    """Ranges of row-major pixels, with about PATHS_PER_BLOCK paths each."""
+    pixels, step = size[0] * size[1], max(1, PATHS_PER_BLOCK // spp)
+    return [range(i, min(i + step, pixels)) for i in range(0, pixels, step)]
+
+
+def _seeds(seed, blocks):
+    """Independent seeds: of the sensor noise, then of each block of pixels."""
+    return np.random.SeedSequence(seed).spawn(1 + blocks)
+
+
+def _in_threads(work, n, progress=None):
+    """(work(0), ..., work(n - 1)), one per core at a time."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        jobs = [pool.submit(work, i) for i in range(n)]
+        try:
+            for done, job in enumerate(as_completed(jobs), 1):
+                job.result()
+                if progress is not None:
+                    progress(done, n)
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    return tuple(job.result() for job in jobs)

@@ -1,0 +1,391 @@
+"""The same curves in every format are the same library; what a file leaves open is refused."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from physics import InputError, MaterialLibrary
+from texnet.cli import main
+from texnet.library_io import import_library
+from texnet.mat_file import read_mat
+
+ANY = settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+NU = np.linspace(760.0, 1240.0, 49)  # cm-1, as HADAR's 49 bands
+NAMES = ["sky", "water", "old_brick"]
+DIP = np.exp(-(((NU - 1080) / 40) ** 2))
+E = np.stack([0.3 + 0.2 * np.cos(NU / 60), np.linspace(0.95, 0.99, 49), 0.9 - 0.2 * DIP])
+HEADER = {
+    "Name": "Old Brick", "Type": "Manmade", "Description": "Red, from a wall.",
+    "Measurement": "Directional (10 Degree) Hemispherical Reflectance",
+    "First Column": "X", "Second Column": "Y", "X Units": "Wavelength (micrometers)",
+    "Y Units": "Reflectance (percent)", "Number of X Values": "49",
+    "Additional Information": "none",
+}  # fmt: skip
+
+
+def cells(names):
+    """A MATLAB cell array of strings."""
+    return np.array([*names, None], dtype=object)[:-1]
+
+
+def mat(path, compress=False, **variables):
+    savemat(path, variables, do_compression=compress)
+    return path
+
+
+def write_csv(path, unit, x, e, names=NAMES):
+    rows = [",".join(map(repr, map(float, row))) for row in np.column_stack([x, e.T])]
+    path.write_text("\n".join([",".join([unit, *names]), *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def spectrum(path, w, e, rows=(), **header):
+    """An ECOSTRESS file of emissivity e, as percent reflectance; a key that is None is left out."""
+    lines = HEADER | {key.replace("_", " "): value for key, value in header.items()}
+    text = [f"{key}: {value}" for key, value in lines.items() if value is not None]
+    pairs = zip(w.tolist(), (100 - 100 * e).tolist(), strict=True)
+    lines = [*text, "", *(f"{x!r}\t{r!r}" for x, r in pairs), *rows]
+    path.write_text("\n".join(lines) + "\n", encoding="iso-8859-1")
+    return path
+
+
+def check_same(library, names=NAMES, e=E, atol=1e-12):
+    assert library.names == tuple(names)
+    assert (np.diff(library.wavelength_um) > 0).all()
+    np.testing.assert_allclose(library.at(1e4 / NU), e, rtol=0, atol=atol)
+
+
+def refused(capfd, *words):
+    """The one sentence that `library import` refuses with."""
+    code = main(["library", "import", *map(str, words)])
+    out, err = capfd.readouterr()
+    assert code == 2 and out == ""
+    assert err.startswith("texnet: error: ") and err.count("\n") == 1 and "Traceback" not in err
+    return err
+
+
+# --- the same curves, whatever the file --------------------------------------------------
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("names", [cells(NAMES), cells(NAMES)[:, None], np.array(NAMES)])
+@pytest.mark.parametrize("step", [1, -1])
+@pytest.mark.parametrize("key", ["matLib", "emiLib"])
+def test_hadar(tmp_path, key, step, names, compress):
+    table = E[:, ::step].T if key == "matLib" else E[:, ::step]
+    path = mat(tmp_path / "lib.mat", compress, **{key: table, "matName": names})
+    ends = tuple(NU[::step][[0, -1]])
+    library, note = import_library(path, wavenumbers_cm1=ends)
+    check_same(library)
+    assert key in note and "cm-1" in note and ("reversed" in note) == (step == 1)
+    assert "no material is the sky" not in note
+
+
+@pytest.mark.parametrize("step", [1, -1])
+@pytest.mark.parametrize("unit", ["wavelength_um", "wavenumber_cm1"])
+def test_csv(tmp_path, unit, step):
+    x = (NU if unit == "wavenumber_cm1" else 1e4 / NU)[::step]
+    library, note = import_library(write_csv(tmp_path / "lib.csv", unit, x, E[:, ::step]))
+    check_same(library)
+    assert unit in note and ("reversed" in note) == ((x[0] > x[-1]) == (unit == "wavelength_um"))
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_ecostress(tmp_path, step):
+    for name, e in zip(NAMES, E, strict=True):
+        spectrum(tmp_path / f"{name}.txt", 1e4 / NU[::step], e[::step], Name=name)
+    (tmp_path / "water.ancillary.txt").write_text("Name: not a spectrum\n")
+    library, note = import_library(tmp_path)
+    assert len(library) == 3
+    check_same(library.subset(NAMES))
+    assert "1 - hemispherical reflectance" in note and "3 files" in note
+    check_same(import_library(tmp_path / "water.txt")[0], ["water"], E[1:2])
+
+
+@given(
+    nu10=st.lists(st.integers(5000, 20000), min_size=2, max_size=12, unique=True),
+    seed=st.integers(0, 2**32 - 1),
+)
+@ANY
+def test_any_order_of_rows_is_the_same_library(tmp_path, nu10, seed):
+    rng = np.random.default_rng(seed)
+    nu = np.sort(nu10) / 10
+    e = rng.uniform(0, 1, (3, nu.size))
+    mix = rng.permutation(nu.size)
+    path = write_csv(tmp_path / "lib.csv", "wavenumber_cm1", nu[mix], e[:, mix])
+    library, _ = import_library(path)
+    np.testing.assert_allclose(library.wavelength_um, 1e4 / nu[::-1], rtol=1e-15)
+    np.testing.assert_array_equal(library.emissivity, e[:, ::-1])
+
+
+def test_ten_wavenumbers_by_hand(tmp_path):
+    """1000 cm-1 is 10 um and 1010 cm-1 is 9.90099 um; the file ascends in cm-1."""
+    path = mat(tmp_path / "lib.mat", emiLib=[[0.1, 0.2, 0.3]], matName=cells(["paint"]))
+    library, note = import_library(path, (1000, 1020))
+    np.testing.assert_allclose(library.wavelength_um, [9.80392157, 9.90099010, 10.0], rtol=1e-8)
+    np.testing.assert_array_equal(library.emissivity, [[0.3, 0.2, 0.1]])
+    assert "3 bands equidistant from 1000 to 1020 cm-1 became 9.804-10 um" in note
+    assert "no material is the sky" in note and note.count(". ") == 0
+
+
+def test_percent_fraction_and_other_spellings(tmp_path):
+    w, e = np.array([8.0, 9.0, 10.0]), np.array([0.9, 0.95, 0.85])
+    percent = spectrum(tmp_path / "p.txt", w, e)
+    fraction = spectrum(tmp_path / "f.txt", w, 1 - (1 - e) / 100, Y_Units="Reflectance (fraction)")
+    spelt = spectrum(
+        tmp_path / "s.txt", w, e, Y_Units="Reflectance (Percentage)", X_Units="Wavelength (µm)",
+        Measurement="hemispherical reflectance",
+    )  # fmt: skip
+    for path in (percent, fraction, spelt):
+        np.testing.assert_allclose(import_library(path)[0].emissivity[0], e, atol=1e-12)
+
+
+def test_bad_rows_are_skipped_and_counted(tmp_path):
+    w, e = np.array([10.0, 9.0, 8.0]), np.array([0.9, 0.95, 0.85])
+    rows = ["0 0", "9.5", "-9.5 3", "9.5 -1.23e34", "9.5 n/a", "", "9.5 nan"]
+    library, note = import_library(spectrum(tmp_path / "s.txt", w, e, rows))
+    np.testing.assert_allclose(library.wavelength_um, w[::-1])
+    np.testing.assert_allclose(library.emissivity[0], e[::-1])
+    assert "6 rows skipped" in note
+
+
+def test_header_lines_are_not_counted(tmp_path):
+    w, e = np.array([8.0, 9.0, 10.0]), np.array([0.9, 0.95, 0.85])
+    described = "Bought at\nthe shop; 2 bricks:\n\n12 14\nred ones, Sorte Ä."
+    path = spectrum(tmp_path / "s.txt", w, e, Description=described, Number_of_X_Values="2151")
+    library, note = import_library(path)
+    np.testing.assert_allclose(library.emissivity[0], e)
+    assert library.names == ("old_brick",) and "skipped" not in note
+
+
+def test_spectra_meet_on_the_finest_grid_of_their_common_range(tmp_path):
+    def line(w):
+        return 0.9 - 0.01 * w  # linear, so that interpolation is exact
+
+    fine = np.linspace(7.9, 16.0, 500)
+    for name, w in [("a", np.linspace(0.4, 14.2, 200)), ("b", fine), ("c", np.linspace(3, 25, 99))]:
+        spectrum(tmp_path / f"{name}.txt", w, line(w))
+    library, note = import_library(tmp_path)
+    w = library.wavelength_um
+    assert w[0] == 7.9 and w[-1] == 14.2
+    np.testing.assert_array_equal(w[1:-1], fine[(fine > 7.9) & (fine < 14.2)])
+    np.testing.assert_allclose(library.emissivity, np.tile(line(w), (3, 1)), atol=1e-12)
+    assert library.names == ("old_brick", "old_brick_2", "old_brick_3")
+    assert "7.9-14.2 um" in note
+
+
+def test_noise_outside_0_and_1_is_clipped_and_said(tmp_path):
+    e = np.array([[0.5, 1.015, -0.004], [0.2, 0.3, 0.4]])
+    path = write_csv(tmp_path / "lib.csv", "wavelength_um", [8, 9, 10], e, ["a", "b"])
+    library, note = import_library(path)
+    np.testing.assert_array_equal(library.emissivity, [[0.5, 1, 0], [0.2, 0.3, 0.4]])
+    assert "2 values up to 0.015 outside 0..1 clipped" in note
+
+
+def test_the_sky_is_named(tmp_path):
+    path = write_csv(tmp_path / "lib.csv", "wavelength_um", [8, 9], E[:2, :2], ["Air", "b"])
+    library, note = import_library(path, sky="Air")
+    assert library.names == ("sky", "b") and library.sky_index == 0 and "'Air' is the sky" in note
+    assert import_library(path)[0].sky_index is None
+
+
+# --- the command -------------------------------------------------------------------------
+
+
+def test_the_command_writes_what_load_reads(tmp_path, capfd):
+    path = mat(tmp_path / "lib.mat", matLib=E.T)
+    (tmp_path / "names.txt").write_text("Himmel\n water \n\nold_brick\n", encoding="utf-8")
+    out = tmp_path / "lib.json"
+    code = main([
+        "library", "import", str(path), "--out", str(out), "--wavenumbers", "760:1240",
+        "--names", str(tmp_path / "names.txt"), "--sky", "Himmel", "--json",
+    ])  # fmt: skip
+    said, err = capfd.readouterr()
+    assert code == 0 and err == ""
+    result = json.loads(said.splitlines()[-1])
+    assert result["materials"] == NAMES and len(result["wavelength_um"]) == 49
+    assert result["note"] in said.splitlines()[0]
+    check_same(MaterialLibrary.load(out))
+    assert "lib.mat" in MaterialLibrary.load(out).descriptions[0]
+
+
+def test_save_and_load_are_inverse(tmp_path):
+    library = MaterialLibrary.starter()
+    library.save(tmp_path / "again.json")
+    again = MaterialLibrary.load(tmp_path / "again.json")
+    for key, value in vars(library).items():
+        np.testing.assert_array_equal(getattr(again, key), value)
+
+
+@pytest.mark.parametrize(
+    "name, text, sentence",
+    [
+        ("a.csv", "wavelength,water\n8,0.9\n", "headed wavelength_um or wavenumber_cm1"),
+        ("a.csv", "wavelength_um;water\n8;0,9\n", "commas in between"),
+        ("a.csv", "", "headed wavelength_um"),
+        ("a.csv", "wavelength_um,water\n", "a row per wavelength"),
+        ("a.csv", "wavelength_um\n8\n", "a column per material"),
+        ("a.csv", "wavelength_um,water\n8,0.9\n9\n", "line 3"),
+        ("a.csv", "wavelength_um,water\n8,wet\n", "line 2"),
+        ("a.csv", "wavelength_um,water\n8,inf\n", "line 2"),
+        ("a.csv", "wavelength_um,water\n8,0.9\n8,0.8\n", "8 um is there twice"),
+        ("a.csv", "wavelength_um,water\n8,97\n9,98\n", "emissivity of water spans 97 to 98"),
+        ("a.csv", "wavelength_um,water\n8,1.03\n", "off by 0.02 at most"),
+        ("a.csv", "wavelength_um,water\n8000,0.9\n", "looks like nm"),
+        ("a.csv", "wavenumber_cm1,water\n8,0.9\n", "10 um is 1000 cm-1"),
+        ("a.csv", "wavelength_um,water,water\n8,0.9,0.9\n", "unique"),
+        ("a.csv", "wavelength_um,\xe4\n8,0.9\n", "UTF-8"),
+        ("a.txt", "8 0.9\n9 0.8\n", "no 'key: value' lines"),
+        ("a.txt", "Name: a\n\n8 0.9\n9 0.8\n", "no line 'X Units:'"),
+        ("a.mat", "", "no .mat file of version 5 to 7"),
+        ("a.xlsx", "", "use .mat, .csv, .txt, or a folder of .txt"),
+    ],
+)
+def test_wrong_texts(tmp_path, capfd, name, text, sentence):
+    (tmp_path / name).write_text(text, encoding="iso-8859-1")
+    assert sentence in refused(capfd, tmp_path / name, "--out", tmp_path / "lib.json")
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (dict(Measurement="Bidirectional reflectance"), "only from hemispherical reflectance"),
+        (dict(Measurement="Bidirectional, no hemispherical reflectance"), "only from hemisph"),
+        (dict(Measurement="Hemispherical Transmittance"), "only from hemispherical reflectance"),
+        (dict(Y_Units="Transmittance (percent)"), "only from hemispherical reflectance"),
+        (dict(Measurement="Reflectance"), "only from hemispherical reflectance"),
+        (dict(Measurement=None), "no line 'Measurement:'"),
+        (dict(X_Units="Wavenumber (cm-1)"), "only micrometers"),
+        (dict(X_Units="Wavelength (nanometers)"), "only micrometers"),
+        (dict(Y_Units="Reflectance"), "write 'Reflectance (percent)'"),
+        (dict(w=np.array([0.4, 2.5])), "covers 0.4-2.5 um"),
+        (dict(w=np.array([8.0, 11.0])), "no good row from 8 to 11 um"),
+        (dict(w=np.zeros(2)), "holds no spectrum"),
+    ],
+)
+def test_wrong_spectra(tmp_path, capfd, change, sentence):
+    good = dict(w=np.array([8.0, 8.5]), e=np.array([0.9, 0.8]))
+    path = spectrum(tmp_path / "a.txt", **good | change)
+    assert sentence in refused(capfd, path, "--out", tmp_path / "lib.json")
+
+
+def test_wrong_folders(tmp_path, capfd):
+    out = tmp_path / "lib.json"
+    assert "holds no spectrum .txt file" in refused(capfd, tmp_path, "--out", out)
+    w, e = np.array([8.0, 8.5]), np.array([0.9, 0.8])
+    spectrum(tmp_path / "a.txt", w, e)
+    spectrum(tmp_path / "b.txt", w + 3, e)
+    assert "b.txt starts at 11 um, where a.txt has ended" in refused(capfd, tmp_path, "--out", out)
+    for name in ("c.txt", "d.txt"):
+        spectrum(tmp_path / name, w, e, Measurement="Bidirectional")
+    sentence = refused(capfd, tmp_path, "--out", out)
+    assert "c.txt holds" in sentence and "refused as well: d.txt" in sentence
+
+
+@pytest.mark.parametrize(
+    "variables, flags, sentence",
+    [
+        (dict(matLib=E.T, matName=cells(NAMES)), [], "bands need 760:1240"),
+        (dict(matLib=E.T), ["--wavenumbers", "760:1240"], "--names FILE with one name a line"),
+        (dict(matLib=E, matName=cells(NAMES)), ["--wavenumbers", "760:1240"], "3 names for 49"),
+        (dict(emiLib=E, matName=cells(NAMES)), ["--wavenumbers", "8:14"], "10 um is 1000 cm-1"),
+        (dict(emiLib=E, matName=cells(NAMES)), ["--wavenumbers", "760:760"], "two different ends"),
+        (dict(emiLib=E, matName=cells(NAMES)), ["--wavenumbers", "760-1240"], "FIRST:LAST"),
+        (dict(emiLib=E, matName=[[1.0]]), ["--wavenumbers", "760:1240"], "no readable matName"),
+        (dict(emiLib=100 * E, matName=cells(NAMES)), ["--wavenumbers", "760:1240"], "within 0..1"),
+        (dict(emiLib=E, matLib=E.T), ["--wavenumbers", "760:1240"], "must hold one of matLib"),
+        (dict(S=E, other=[1.0]), ["--wavenumbers", "760:1240"], "it holds S, other"),
+        (dict(emiLib=1j * E), ["--wavenumbers", "760:1240"], "full table of real numbers"),
+        (
+            dict(emiLib=E, matName=cells(NAMES)),
+            ["--wavenumbers", "760:1240", "--sky", "water"],
+            "leave out --sky",
+        ),
+        (
+            dict(emiLib=E, matName=cells(NAMES)),
+            ["--wavenumbers", "760:1240", "--sky", "air"],
+            "no material 'air' to be the sky among sky, water, old_brick",
+        ),
+    ],
+)
+def test_wrong_mat_files(tmp_path, capfd, variables, flags, sentence):
+    path = mat(tmp_path / "lib.mat", **variables)
+    assert sentence in refused(capfd, path, "--out", tmp_path / "lib.json", *flags)
+    assert [p.name for p in tmp_path.iterdir()] == ["lib.mat"]
+
+
+def test_the_bands_of_the_other_published_file(tmp_path):
+    path = mat(tmp_path / "lib.mat", emiLib=np.full((2, 54), 0.9), matName=cells("ab"))
+    with pytest.raises(InputError, match="54 bands need 720:1250"):
+        import_library(path)
+
+
+def test_a_v73_file_is_refused(tmp_path, capfd):
+    path = tmp_path / "lib.mat"
+    head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(head.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n" + bytes(99))
+    assert "save -v7." in refused(capfd, path, "--out", tmp_path / "lib.json")
+
+
+def test_other_mistakes(tmp_path, capfd):
+    path = write_csv(tmp_path / "lib.csv", "wavelength_um", 1e4 / NU, E)
+    out = tmp_path / "lib.json"
+    assert "no file" in refused(capfd, tmp_path / "gone.csv", "--out", out)
+    assert "no folder" in refused(capfd, path, "--out", tmp_path / "gone" / "lib.json")
+    flags = ["--wavenumbers", "760:1240"]
+    assert "leave out --wavenumbers" in refused(capfd, path, "--out", out, *flags)
+    assert "cannot read" in refused(capfd, path, "--out", out, "--names", tmp_path / "gone.txt")
+
+
+def test_a_failed_import_leaves_the_old_library(tmp_path, capfd):
+    out = tmp_path / "lib.json"
+    out.write_text("old", encoding="utf-8")
+    (tmp_path / "a.csv").write_text("wavelength_um,water\n8,9\n", encoding="utf-8")
+    refused(capfd, tmp_path / "a.csv", "--out", out)
+    assert out.read_text(encoding="utf-8") == "old" and len(list(tmp_path.iterdir())) == 2
+
+
+# --- .mat files --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_numbers_of_every_class(tmp_path, dtype, compress):
+    array = np.arange(24).reshape(2, 3, 4).astype(dtype)
+    path = mat(tmp_path / "a.mat", compress, array=array, other={"a": 1}, row=array[0, 0])
+    held = read_mat(path)
+    assert list(held) == ["array", "other", "row"] and held["other"] is None
+    assert held["array"].dtype == array.dtype and held["row"].shape == (1, 4)
+    np.testing.assert_array_equal(held["array"], array)
+
+
+@given(names=st.lists(st.text(st.characters(codec="utf-8", exclude_characters="\0")), max_size=4))
+@ANY
+def test_strings_of_a_cell_array(tmp_path, names):
+    names = [n for n in names if max(map(ord, n), default=0) < 2**16]
+    held = read_mat(mat(tmp_path / "a.mat", x=cells(names)))["x"]
+    assert held == [n.rstrip() for n in names]
+
+
+@given(seed=st.integers(0, 2**32 - 1), compress=st.booleans())
+@settings(ANY, max_examples=300)
+def test_damaged_files_never_crash(tmp_path, seed, compress):
+    """Flipped bytes of any tag, and cuts anywhere; scipy's reader crashes on some of these."""
+    path = mat(tmp_path / "lib.mat", compress, matLib=E[:, :4].T, matName=cells(NAMES))
+    rng, data = np.random.default_rng(seed), bytearray(path.read_bytes())
+    for _ in range(rng.integers(1, 4)):
+        data[rng.integers(100, len(data))] = rng.integers(0, 256)
+    path.write_bytes(data[: rng.integers(1, len(data))] if rng.integers(2) else data)
+    try:
+        library, _ = import_library(path, (760, 790))
+    except InputError as e:
+        assert str(e).startswith("library: ") and "\n" not in str(e)
+    else:
+        assert library.emissivity.shape[0] == len(library.names)

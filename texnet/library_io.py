@@ -1,0 +1,373 @@
+"""Material libraries of others, turned into a MaterialLibrary, with a note of what was converted.
+
+HADAR `.mat` (up to v7): `matLib` is bands x materials, `emiLib` materials x bands; `matName`
+holds the names. The bands are not in the file, so the caller states them: equidistant in
+wavenumber, in the file's order.
+
+ECOSTRESS / ASTER `.txt`, or a folder of them, one material a file: `key: value` lines in
+ISO-8859-1, then rows of micrometres and reflectance R. For an opaque sample and hemispherical
+reflectance, and for no other, Kirchhoff's law gives e = 1 - R. The folder's files meet on the
+finest of their grids, between 7 and 15 um.
+
+`.csv`: header `wavelength_um,name1,name2,...` or `wavenumber_cm1,...`, one row per wavelength,
+emissivity 0..1.
+"""
+
+import csv
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from physics.errors import InputError
+from physics.library import SKY, MaterialLibrary
+
+from .mat_file import read_mat
+
+CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
+TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
+MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
+WAVENUMBERS_CM1 = (100.0, 10_000.0)  # 100 to 1 um; outside it is no wavenumber in cm-1
+PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
+AXES = {"matLib": "bands x materials", "emiLib": "materials x bands"}
+COLUMNS = ("wavelength_um", "wavenumber_cm1")
+KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
+
+
+def import_library(path, wavenumbers_cm1=None, names=None, sky=None):
+    """Read the library at path (.mat, .csv, .txt, or a folder of .txt; see the module).
+
+    wavenumbers_cm1  .mat only: of the first and of the last band, cm-1, equidistant
+    names            .mat only: one per material, instead of the file's `matName`
+    sky              the material that is the sky; it is renamed to "sky"
+
+    Returns (MaterialLibrary, note): wavelengths in um, ascending, and one sentence on what
+    was converted from what. Raises InputError if the file is damaged or leaves open what
+    its numbers mean.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"library: there is no file {path}.")
+    kind = ".txt" if path.is_dir() else path.suffix.lower()
+    if kind not in (".mat", ".csv", ".txt"):
+        raise InputError(
+            f"library: {path.name} is no library file that is known here; use .mat, .csv, .txt, "
+            "or a folder of .txt."
+        )
+    if kind != ".mat" and (wavenumbers_cm1 is not None or names is not None):
+        raise InputError(
+            f"library: {path.name} states its own bands and names; leave out --wavenumbers and "
+            "--names, which are for .mat files."
+        )
+    try:
+        if kind == ".mat":
+            names, w, e, sources, words = _read_mat(path, wavenumbers_cm1, names)
+        else:
+            names, w, e, sources, words = (_read_csv if kind == ".csv" else _read_texts)(path)
+    except OSError as error:
+        raise InputError(f"library: cannot read {path}: {error.strerror or error}.") from error
+    names, of_sky = _with_sky(names, sky)
+    e, clipped = _within_0_and_1(e, names)
+    library = MaterialLibrary(names, w, e, descriptions=sources)
+    note = "; ".join([*words, *clipped, *of_sky])
+    return library, f"{path}: {note}."
+
+
+def read_names(path):
+    """The names in a text file (UTF-8), one a line, blank lines left out."""
+    try:
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+    except OSError as e:
+        raise InputError(f"library: cannot read {path}: {e.strerror}.") from e
+    except UnicodeDecodeError as e:
+        raise InputError(f"library: {path} must be UTF-8 text, one name a line.") from e
+    return [line.strip() for line in lines if line.strip()]
+
+
+# --- HADAR .mat --------------------------------------------------------------------------
+
+
+def _read_mat(path, wavenumbers_cm1, names):
+    key, table, inside = _mat_table(path)
+    e = np.array(table.T if key == "matLib" else table, np.float64)
+    materials, bands = e.shape
+    if wavenumbers_cm1 is None:
+        hint = PUBLISHED_CM1.get(bands)
+        hint = f" (the published HADAR libraries of {bands} bands need {hint})" if hint else ""
+        raise InputError(
+            f"library: {path} does not say where its {bands} bands lie; give "
+            f"--wavenumbers FIRST:LAST in cm-1{hint}."
+        )
+    if names is None:
+        names = inside
+    if names is None:
+        raise InputError(
+            f"library: {path} holds no readable matName for its {materials} materials; give "
+            "--names FILE with one name a line."
+        )
+    if len(names) != materials:
+        raise InputError(
+            f"library: there are {len(names)} names for {materials} materials ({key} is "
+            f"{AXES[key]}, here {table.shape[0]} x {table.shape[1]}); give --names FILE with one "
+            "name a line for each."
+        )
+    first, last = wavenumbers_cm1
+    if bands < 2 or first == last:
+        raise InputError(
+            f"library: {bands} bands from {first:g} to {last:g} cm-1 are no grid; "
+            "give two different ends and two or more bands."
+        )
+    w, e, order = _ascending(_from_wavenumber(np.linspace(first, last, bands)), e)
+    words = [
+        f"HADAR .mat, {key} ({AXES[key]}), {materials} materials",
+        f"{bands} bands equidistant from {first:g} to {last:g} cm-1 became "
+        f"{w[0]:.4g}-{w[-1]:.4g} um{order}",
+    ]
+    return names, w, e, [f"From {path.name}."] * materials, words
+
+
+def _mat_table(path):
+    """(key, 2-D array, names or None) of a .mat library."""
+    try:
+        held = read_mat(path)
+    except InputError as e:
+        raise InputError(f"library: {e}") from e
+    keys = [key for key in AXES if key in held]
+    if len(keys) != 1:
+        raise InputError(
+            f"library: {path} must hold one of matLib (bands x materials) and emiLib "
+            f"(materials x bands); it holds {', '.join(held) or 'nothing'}."
+        )
+    table, names = held[keys[0]], held.get("matName")
+    if not isinstance(table, np.ndarray) or table.ndim != 2 or 0 in table.shape:
+        raise InputError(f"library: {keys[0]} in {path} must be a full table of real numbers.")
+    return keys[0], table, names if isinstance(names, list) else None
+
+
+# --- CSV ---------------------------------------------------------------------------------
+
+
+def _read_csv(path):
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader if any(c.strip() for c in row)]
+    except (UnicodeDecodeError, csv.Error) as e:
+        raise InputError(f"library: {path} is no CSV text in UTF-8 ({e}).") from e
+    header = [cell.strip() for cell in rows[0][1]] if rows else [""]
+    if header[0] not in COLUMNS:
+        raise InputError(
+            f"library: the first column of {path} must be headed wavelength_um or "
+            f"wavenumber_cm1, commas in between, but its header starts with {header[0][:60]!r}."
+        )
+    unit, names = header[0], header[1:]
+    values = []
+    for line, row in rows[1:]:
+        numbers = [_number(cell) for cell in row]
+        if len(row) != len(header) or None in numbers:
+            raise InputError(
+                f"library: line {line} of {path} must hold {len(header)} numbers, as many as the "
+                "header has columns, with a decimal point."
+            )
+        values.append(numbers)
+    if not values or not names:
+        raise InputError(
+            f"library: {path} must hold a column per material and a row per wavelength."
+        )
+    table = np.array(values).T
+    w = table[0] if unit == "wavelength_um" else _from_wavenumber(table[0])
+    w, e, order = _ascending(w, table[1:])
+    words = [
+        f"CSV with {unit}, {len(names)} materials",
+        f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",
+    ]
+    return names, w, e, [f"From {path.name}."] * len(names), words
+
+
+# --- ECOSTRESS / ASTER text --------------------------------------------------------------
+
+
+def _read_texts(path):
+    if path.is_dir():
+        text = [p for p in sorted(path.iterdir()) if p.suffix.lower() == ".txt"]
+        # ECOSTRESS puts further measurements beside a spectrum, under this name.
+        files = [p for p in text if not p.name.lower().endswith(".ancillary.txt")]
+        if not files:
+            raise InputError(f"library: the folder {path} holds no spectrum .txt file.")
+    else:
+        files = [path]
+    spectra, refused = [], {}
+    for file in files:
+        try:
+            spectra.append(_read_text(file))
+        except InputError as e:
+            refused[file.name] = str(e)
+    if refused:
+        first, *others = refused
+        rest = f"; refused as well: {', '.join(others)}." if others else "."
+        raise InputError(refused[first].removesuffix(".") + rest)
+
+    low = max(w[0] for _, w, _, _ in spectra)
+    high = min(w[-1] for _, w, _, _ in spectra)
+    if low >= high:
+        late = files[int(np.argmax([w[0] for _, w, _, _ in spectra]))]
+        early = files[int(np.argmin([w[-1] for _, w, _, _ in spectra]))]
+        raise InputError(
+            f"library: {late.name} starts at {low:g} um, where {early.name} has ended "
+            f"({high:g} um); import them apart."
+        )
+    inner = [w[(w > low) & (w < high)] for _, w, _, _ in spectra]
+    grid = np.concatenate([[low], max(inner, key=len), [high]])
+    e = np.stack([np.interp(grid, w, 1 - r) for _, w, r, _ in spectra])
+    names = _unique([name for name, _, _, _ in spectra])
+    sources = [
+        f"{name}, from {file.name}: 1 - hemispherical reflectance."
+        for file, (name, _, _, _) in zip(files, spectra, strict=True)
+    ]
+    words = [
+        f"ECOSTRESS / ASTER text, {len(files)} file{'s' * (len(files) > 1)}, emissivity as "
+        "1 - hemispherical reflectance of an opaque sample",
+        f"interpolated onto {grid.size} wavelengths, {low:.4g}-{high:.4g} um, the finest of the "
+        f"files' grids in their common range within {TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um",
+    ]
+    skipped = sum(n for _, _, _, n in spectra)
+    if skipped:
+        words.append(f"{skipped} rows skipped that are no two positive numbers")
+    return names, grid, e, sources, words
+
+
+def _read_text(path):
+    """(name, wavelength in um ascending, reflectance 0..1, bad rows) of a spectrum file."""
+    lines = path.read_text(encoding="iso-8859-1").splitlines()
+    matches = [(i, m) for i, line in enumerate(lines) if (m := KEY.match(line))]
+    if not matches:
+        raise InputError(f"library: {path.name} has no 'key: value' lines, so no units.")
+    header = {}
+    for _, match in matches:
+        header.setdefault(" ".join(match[1].lower().split()), match[2].strip())
+
+    def say(key):
+        if not header.get(key.lower()):
+            raise InputError(f"library: {path.name} has no line '{key}:', which must be stated.")
+        return header[key.lower()]
+
+    name, x_units, y_units, measured = map(say, ("Name", "X Units", "Y Units", "Measurement"))
+    if re.search("hemispherical.*reflectance", measured, re.I) is None or re.search(
+        "bi-?directional|transmi", measured + y_units, re.I
+    ):
+        raise InputError(
+            f"library: {path.name} holds {measured!r} in {y_units!r}, but emissivity follows only "
+            "from hemispherical reflectance; leave this file out."
+        )
+    if re.search(r"\bmicro|\b[uµ]m\b", x_units, re.I) is None:
+        raise InputError(
+            f"library: {path.name} has X Units {x_units!r}; only micrometers are known here."
+        )
+    if re.search("percent|%", y_units, re.I):
+        scale = 0.01
+    elif re.search("fraction", y_units, re.I):
+        scale = 1.0
+    else:
+        raise InputError(
+            f"library: {path.name} has Y Units {y_units!r}; write 'Reflectance (percent)' or "
+            "'Reflectance (fraction)'."
+        )
+
+    # By the last key, because descriptions run over lines and the number of keys varies.
+    rows = [line.split() for line in lines[matches[-1][0] + 1 :] if line.strip()]
+    numbers = [[_number(cell) for cell in row] for row in rows]
+    good = [row for row in numbers if len(row) == 2 and all(v is not None and v > 0 for v in row)]
+    # Instruments that meet at one wavelength both give it: their mean.
+    w, where = np.unique([row[0] for row in good], return_inverse=True)
+    r = scale * np.bincount(where, [row[1] for row in good]) / np.bincount(where)
+    low, high = TEXT_RANGE_UM
+    inside = (w >= low) & (w <= high)
+    if np.count_nonzero(inside) < 2:
+        covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
+        raise InputError(
+            f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
+            "leave this file out."
+        )
+    w, r = w[inside], r[inside]
+    gap = int(np.argmax(np.diff(w)))
+    if w[gap + 1] - w[gap] > MAX_GAP_UM:
+        raise InputError(
+            f"library: {path.name} has no good row from {w[gap]:g} to {w[gap + 1]:g} um; "
+            "leave this file out."
+        )
+    return name, w, r, len(rows) - len(good)
+
+
+def _unique(names):
+    """Names in lower case with underscores; the second `water` is `water_2`."""
+    unique = []
+    for name in names:
+        stem = re.sub(r"[\W_]+", "_", name.lower()).strip("_") or "unnamed"
+        tries = (stem if n == 1 else f"{stem}_{n}" for n in range(1, len(names) + 1))
+        unique.append(next(t for t in tries if t not in unique))
+    return unique
+
+
+# --- shared ------------------------------------------------------------------------------
+
+
+def _number(text):
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _from_wavenumber(nu):
+    """Wavelength in um of wavenumbers in cm-1: 1e4 / nu."""
+    low, high = WAVENUMBERS_CM1
+    if nu.min() < low or nu.max() > high:
+        raise InputError(
+            f"library: wavenumbers {nu.min():g}-{nu.max():g} leave {low:g}-{high:g} cm-1; "
+            "give them in cm-1 (10 um is 1000 cm-1)."
+        )
+    return 1e4 / nu
+
+
+def _ascending(w, e):
+    """w and e (materials, n) in ascending order of w, and words on what that took."""
+    order = np.argsort(w)
+    repeats = w[order][1:] == w[order][:-1]
+    if repeats.any():
+        raise InputError(
+            f"library: the wavelength {w[order][1:][repeats][0]:g} um is there twice; "
+            "give each once."
+        )
+    if (np.diff(order) == 1).all():
+        words = ""
+    else:
+        words = ", order reversed" if (np.diff(order) == -1).all() else ", sorted"
+    return w[order], e[:, order], words
+
+
+def _with_sky(names, sky):
+    """The names with the sky called "sky", and words on that."""
+    if sky is None:
+        return names, [] if SKY in names else ["no material is the sky (name it by --sky)"]
+    if sky not in names:
+        raise InputError(f"library: no material {sky!r} to be the sky among {', '.join(names)}.")
+    if sky != SKY and SKY in names:
+        raise InputError(f"library: it has a material {SKY!r} already; leave out --sky.")
+    return [SKY if n == sky else n for n in names], [f"{sky!r} is the sky"]
+
+
+def _within_0_and_1(e, names):
+    """e clipped to 0..1 where it is off by no more than CLIP, and words on that."""
+    excess = np.maximum(e - 1, -e)
+    worst = np.nan_to_num(excess, nan=np.inf).max(axis=1)
+    if worst.max() > CLIP:
+        i = int(np.argmax(worst))
+        raise InputError(
+            f"library: emissivity of {names[i]} spans {e[i].min():g} to {e[i].max():g}; "
+            f"it must be finite and within 0..1, or off by {CLIP:g} at most."
+        )
+    n = np.count_nonzero(excess > 0)
+    words = [f"{n} values up to {worst.max():.2g} outside 0..1 clipped"] if n else []
+    return np.clip(e, 0, 1), words

@@ -1,0 +1,267 @@
+"""Sets of simulated scenes, cached on disk.
+
+Scene i of a split is a pure function of the settings, the split and i, so a set can be made
+by any number of processes, interrupted anywhere and taken up again. A set lives in a folder
+named by a hash of all that makes it, the simulator's source included: what is found there
+is what would be made.
+
+    <folder>/<hash>/made.json        the settings, for people
+    <folder>/<hash>/train-0000.npz   a Record
+
+Radiance is clean; whoever trains adds noise, and drops and merges bands, as he goes. Half of
+the scenes are made of the starter library, half of a library varied from it.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+import sys
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
+from multiprocessing.connection import wait
+from pathlib import Path
+
+import numpy as np
+
+import physics
+from physics.array_file import load_arrays, save_arrays
+from physics.errors import InputError
+from physics.library import MaterialLibrary
+from physics.simulator import simulate
+from physics.simulator.presets.random_scene import random_scene
+from physics.simulator.sensor import equidistant_bands
+from physics.whole_file import whole_file
+
+from .vary import vary
+
+# Seeds below 10,000 were looked at while the simulator was built and never train or test.
+BASE_SEED = {"train": 1_000_000, "validation": 2_000_000, "test": 3_000_000}
+MAX_SCENES = 100_000  # of a split; also the step to the seed that stands in for a bad one
+MAX_TRIES = 10  # MAX_TRIES * MAX_SCENES seeds fit between two bases
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a scene is rendered with: size x size pixels, spp paths each, bands over 8-14 um.
+
+    From 48 bands on each is narrow, so that Eq. 1 holds with e at its centre.
+    """
+
+    size: int = 96
+    spp: int = 64
+    bands: int = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One simulated scene; float32 unless said. In sky pixels T is the air's and X is 0.
+
+    radiance       (bands, height, width) S without noise, W m-2 sr-1 um-1
+    texture        (bands, height, width) float16 X, W m-2 sr-1 um-1
+    temperature_k  (height, width) K
+    sky_view       (height, width) V_sky, 0..1
+    sky_texture    (height, width) band mean of X with every emitter but the sky off
+    material       (height, width) uint8 index into curves
+    curves         (materials, bands) e of the scene's library at the centres
+    names          (materials,) its names; one is "sky"
+    wavelength_um  (bands,) float64 centres in um; bands are as wide as they are apart
+    seed           of the scene
+    """
+
+    radiance: np.ndarray
+    texture: np.ndarray
+    temperature_k: np.ndarray
+    sky_view: np.ndarray
+    sky_texture: np.ndarray
+    material: np.ndarray
+    curves: np.ndarray
+    names: tuple[str, ...]
+    wavelength_um: np.ndarray
+    seed: int
+
+    def save(self, path):
+        """Write an uncompressed npz, whole or not at all."""
+        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        save_arrays(path, arrays, compress=False)
+
+    @staticmethod
+    def load(path):
+        """Read what `save` wrote; InputError if it is not that."""
+        a = load_arrays(path, [f.name for f in fields(Record)], "scene record")
+        a["names"], a["seed"] = tuple(str(n) for n in a["names"]), int(a["seed"])
+        return Record(**a)
+
+
+class SceneSet:
+    """The first `count` scenes of a split, in a folder shared by all splits and settings.
+
+    folder    where sets are cached; made if need be
+    split     "train", "validation" or "test"
+    count     scenes, at most MAX_SCENES
+    settings  Settings
+
+    Raises InputError where these are not that.
+    """
+
+    def __init__(self, folder, split, count, settings=Settings()):  # noqa: B008 (it is frozen)
+        if split not in BASE_SEED:
+            raise InputError(f"scenes: no split {split!r}; choose from {', '.join(BASE_SEED)}.")
+        if not 1 <= count <= MAX_SCENES:
+            raise InputError(f"scenes: a split has 1 to {MAX_SCENES} scenes, got {count}.")
+        self.split, self.count, self.settings = split, count, settings
+        self.folder = Path(folder) / _hash(settings)
+
+    def __len__(self):
+        return self.count
+
+    def __getitem__(self, i):
+        """Record i; InputError if it is not made yet."""
+        return Record.load(self.path(range(self.count)[i]))
+
+    def path(self, i):
+        """The file of scene i."""
+        return self.folder / f"{self.split}-{i:04d}.npz"
+
+    def make(self, workers=None, progress=None):
+        """Render the scenes that are missing.
+
+        workers   processes; one per core if None. The files do not depend on it.
+        progress  called as progress(done, total) at first and after each scene
+
+        May be interrupted at any time; what is done is kept. Raises InputError where the
+        folder cannot be written.
+        """
+        missing = [i for i in range(self.count) if not self.path(i).exists()]
+        if progress is not None:
+            progress(self.count - len(missing), self.count)
+        if not missing:
+            return
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as e:
+            raise InputError(f"scenes: cannot make the folder {self.folder}: {e.strerror}.") from e
+        with whole_file(self.folder / "made.json") as part:
+            part.write_text(json.dumps(_in_words(self.settings), indent=2), encoding="utf-8")
+        jobs = [(self.settings, self.split, i, self.path(i)) for i in missing]
+        for done, _ in enumerate(_in_processes(jobs, workers or os.cpu_count()), 1):
+            if progress is not None:
+                progress(self.count - len(missing) + done, self.count)
+
+
+def make_record(settings, split, i):
+    """Render scene i of a split -> Record.
+
+    A scene that cannot be rendered, because rays leak from its room, gives way to the one
+    MAX_SCENES seeds on, still within the split's own range. None is all sky: the camera of
+    `random_scene` never looks up so far as to lose the ground.
+    """
+    for attempt in range(MAX_TRIES):
+        try:
+            return _render(settings, BASE_SEED[split] + i + MAX_SCENES * attempt)
+        except InputError as e:
+            error = e
+    raise error
+
+
+def _render(settings, seed):
+    rng = np.random.default_rng([seed, 707])  # its own stream: the scene does not depend on it
+    library = MaterialLibrary.starter()
+    if rng.random() < 0.5:
+        library = vary(library, rng)
+    w, fwhm = equidistant_bands(settings.bands)
+    cube, truth = simulate(
+        random_scene(seed), wavelength_um=w, fwhm_um=fwhm, size=(settings.size,) * 2,
+        spp=settings.spp, netd_k=0, seed=seed, library=library,
+    )  # fmt: skip
+    return Record(
+        cube.radiance, truth.texture.astype(np.float16), truth.temperature_k, truth.sky_view,
+        truth.sky_texture, truth.material.astype(np.uint8), library.at(w).astype(np.float32),
+        library.names, w, seed,
+    )  # fmt: skip
+
+
+def _in_words(settings):
+    return {
+        "what": "simulated scenes, rendered by training/scenes.py; see its Record",
+        **asdict(settings),
+        "wavelengths": f"{settings.bands} box bands side by side over 8-14 um",
+        "library": "the starter library in half of the scenes, varied in the others",
+        "first_seed": BASE_SEED,
+        "noise": "none",
+    }
+
+
+def _hash(settings):
+    """Of all that makes a scene: settings, the simulator and this package's part."""
+    home, here = Path(physics.__file__).parent, Path(__file__).parent
+    sources = [
+        *(home / "simulator").rglob("*.py"), home / "sky.py", home / "planck.py",
+        home / "data" / "starter_library.json", here / "scenes.py", here / "vary.py",
+    ]  # fmt: skip
+    digest = hashlib.sha256(json.dumps([asdict(settings), BASE_SEED]).encode())
+    for path in sorted(sources):
+        text = path.read_bytes()
+        digest.update(f"{path.relative_to(path.parents[1])} {len(text)}\n".encode() + text)
+    return digest.hexdigest()[:16]
+
+
+def _in_processes(jobs, workers):
+    """Work off jobs (settings, split, i, path) in processes; yield after each.
+
+    Processes, because building meshes is serial Python; spawned, because a fork of a
+    process with threads may hang. No worker outlives this generator or its process.
+    """
+    context, todo, free = multiprocessing.get_context("spawn"), iter(jobs), {}
+    try:
+        # Ctrl-C reaches the whole process group; here it is answered, by the workers not.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            for _ in range(min(workers, len(jobs))):
+                pipe, theirs = context.Pipe()
+                process = context.Process(target=_work, args=(theirs,), daemon=True)
+                process.start()
+                theirs.close()  # so that their end closes when they end
+                free[pipe] = process
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        busy = {}
+        for pipe, job in zip(free, todo, strict=False):
+            pipe.send(job)
+            busy[pipe] = job
+        while busy:
+            for pipe in wait(list(busy)):
+                del busy[pipe]
+                try:
+                    error = pipe.recv()
+                except EOFError as e:
+                    raise InputError("scenes: a worker died; is there enough memory?") from e
+                if error is not None:
+                    raise error
+                job = next(todo, None)
+                if job is not None:
+                    pipe.send(job)
+                    busy[pipe] = job
+                yield
+    finally:
+        for pipe, process in free.items():
+            process.terminate()
+            pipe.close()
+        for process in free.values():
+            process.join()
+
+
+def _work(pipe):
+    """A worker: jobs come in, None or an exception goes out, until the other end closes."""
+    # Exits by exception, which takes an unfinished file away.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    with suppress(EOFError, ConnectionError):
+        while True:
+            settings, split, i, path = pipe.recv()
+            try:
+                make_record(settings, split, i).save(path)
+            except Exception as error:
+                pipe.send(error)
+            else:
+                pipe.send(None)
