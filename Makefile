@@ -18,5 +18,5 @@ test: .venv/.installed-test
 	touch $@
 
 .venv/.installed-test: .venv/.installed
-	$(BIN)/python -m pip install --quiet --editable ".[test,library,benchmark]"
+	$(BIN)/python -m pip install --quiet --editable ".[test,library,benchmark,train,export]"
 	touch $@

@@ -71,3 +71,12 @@ class Environment:
 
     def __len__(self):
         return len(self.radiance)
+
+    def check_bands(self, wavelength_um):
+        """Raise InputError unless (bands,) wavelength_um, a cube's, are the environment's too."""
+        own = self.wavelength_um
+        if own.shape != wavelength_um.shape or not np.allclose(own, wavelength_um, 0, 1e-3):
+            raise InputError(
+                "environment: its wavelengths are not the cube's; estimate it from this cube, or "
+                "give its spectra at the cube's bands."
+            )

@@ -31,9 +31,9 @@ def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_
 def physics_loss(
     measured, temperature_k, emissivity, thermal_lighting, environment, wavelength_um, netd_k
 ):
-    """Mean squared residual of Eq. 1 in noise units: 1 where only sensor noise is left.
+    """Squared residual of Eq. 1 in noise units, mean over bands: (...), 1 where only noise is left.
 
     measured is (..., bands); the rest is as in `render`; netd_k is in K at 300 K.
     """
     rendered, _ = render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um)
-    return (((rendered - measured) / noise_sigma(wavelength_um, netd_k)) ** 2).mean()
+    return (((rendered - measured) / noise_sigma(wavelength_um, netd_k)) ** 2).mean(-1)

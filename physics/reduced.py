@@ -120,13 +120,7 @@ def reduce_model(
     Raises InputError where library or environment are not for the cube's bands.
     """
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
-    if environment.wavelength_um.shape != w.shape or not np.allclose(
-        environment.wavelength_um, w, rtol=0, atol=1e-3
-    ):
-        raise InputError(
-            "environment: its wavelengths are not the cube's; estimate it from this cube, or "
-            "give its spectra at the cube's bands."
-        )
+    environment.check_bands(w)
     t = scene_temperatures(cube)
     prior_mean, prior_sigma = float(np.median(t)), max(MIN_TEMPERATURE_SPREAD_K, float(t.std()))
     # the darkest and the brightest that every band saw: no pixel lies beyond

@@ -18,7 +18,8 @@ ABOVE = {
 }
 LIGHT = [
     "physics/__init__.py", "physics/errors.py", "physics/planck.py", "physics/heat_cube.py",
-    "physics/library.py", "physics/environment.py", "physics/whole_file.py", "texnet/__init__.py",
+    "physics/library.py", "physics/environment.py", "physics/whole_file.py", "physics/tiles.py",
+    "export/__init__.py", "export/runtime.py", "texnet/__init__.py",
     "texnet/cli.py", "texnet/cube_io.py", "texnet/stretch.py", "texnet/progress.py",
 ]  # fmt: skip
 

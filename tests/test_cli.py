@@ -97,7 +97,7 @@ def test_wrong_options_of_simulate(capfd, tmp_path, words):
     assert words[0] in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.exr", *words)
 
 
-@pytest.mark.parametrize("words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "net"]])
+@pytest.mark.parametrize("words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "nets"]])
 def test_wrong_options_of_decompose(capfd, tmp_path, cube, words):
     assert words[0] in refused(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
 
@@ -159,7 +159,9 @@ def test_json_has_no_nan():
     assert json.dumps(plain, allow_nan=False) == '{"a": null, "b": [null, 3], "c": [true, null]}'
 
 
-@pytest.mark.parametrize("suffix, method", [(".exr", "sgd"), (".npz", "local")])
+@pytest.mark.parametrize(
+    "suffix, method", [(".exr", "net+sgd"), (".npz", "local"), (".npz", "net")]
+)
 def test_simulate_then_decompose(capfd, tmp_path, suffix, method):
     cube, out_dir = tmp_path / f"night{suffix}", tmp_path / "out"
     code, out, err = run(

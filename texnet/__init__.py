@@ -1,7 +1,13 @@
 """texnet: temperature, emissivity and texture from thermal hyperspectral cubes. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
+model       net+sgd as one module: evidence, network, refinement, texture
+network     TeXNet
+inputs      what the model is told of a scene
+learned     the model with the shipped weights
+weights     weights on disk
 cube_io     heat cubes on disk (.exr, .npz)
+library_io  libraries of others (HADAR .mat, ECOSTRESS, CSV); mat_file reads .mat
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
 figures     every map with its truth; TeX vision beside today's pictures

@@ -10,6 +10,7 @@ import math
 import os
 import re
 import sys
+from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -18,6 +19,8 @@ import numpy as np
 from physics.errors import InputError
 
 DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
+SHIPPED = "texnet.onnx"  # there too
+MODEL = "texnet.safetensors"  # in texnet/data
 
 
 def main(argv=None):
@@ -46,12 +49,12 @@ def main(argv=None):
 
 def demo(args):
     with as_file(files("texnet") / "data") as folder:
-        text, result = _decompose(folder / DEMO_CUBE, args.out, library=None, method="sgd", k=5)
+        text, result = _decompose(folder / DEMO_CUBE, args.out, None, "net+sgd", 5, None)
     return text, result | {"command": "demo"}
 
 
 def decompose(args):
-    return _decompose(args.cube, args.out, args.library, args.method, args.k)
+    return _decompose(args.cube, args.out, args.library, args.method, args.k, args.model)
 
 
 def simulate(args):
@@ -135,10 +138,104 @@ def library_import(args):
     }  # fmt: skip
 
 
+# --- training ----------------------------------------------------------------------------
+
+
+def train(args):
+    from physics.whole_file import check_writable
+
+    check_writable(args.out)
+    with _training() as report:
+        from training.train import train
+
+        history = train(
+            args.out, args.cache, scenes=args.scenes, epochs=args.epochs, seed=args.seed,
+            progress=report,
+        )  # fmt: skip
+    text = f"{_scores('validation scenes', history['validation'])}\n{args.out}: the weights."
+    return text, {"command": "train", "model": args.out} | history
+
+
+def finetune(args):
+    from physics.library import MaterialLibrary
+    from physics.whole_file import check_writable
+
+    from .cube_io import read_cube
+    from .weights import load_network, save_network
+
+    check_writable(args.out)
+    library = MaterialLibrary.load(args.library)
+    cubes = [read_cube(path) for path in args.cubes]
+    network, past = load_network(args.model)
+    with _training() as report:
+        from training.finetune import finetune
+
+        network, history = finetune(
+            network, library, args.cache, scenes=args.scenes, epochs=args.epochs, cubes=cubes,
+            seed=args.seed, progress=report,
+        )  # fmt: skip
+    save_network(network, args.out, history | {"from": past})
+    on = "the cubes" if cubes else "scenes held out"
+    lines = [_scores(f"{on}, before", history["before"]), _scores("after", history["after"])]
+    if history["sky"] != "the library's":
+        lines.insert(0, f"{args.library} has no sky; the starter library's was used in training.")
+    text = "\n".join([*lines, f"{args.out}: the weights."])
+    return text, {"command": "finetune", "model": args.out} | history
+
+
+@contextmanager
+def _training():
+    """Yield a progress report; says what is missing, or after Ctrl-C how to go on."""
+    from .progress import progress_bar
+
+    try:
+        with progress_bar() as report:
+            yield report
+    except ModuleNotFoundError as e:
+        if e.name != "pytorch_lightning":
+            raise
+        raise InputError(
+            "training needs the package pytorch-lightning; pip install 'texnet[train]'."
+        ) from e
+    except KeyboardInterrupt:
+        print("texnet: stopped; the same command goes on from the last epoch.", file=sys.stderr)
+        raise
+
+
+def _scores(what, m):
+    if "eq1" in m:
+        return f"{what}: Eq. 1 loss {m['eq1']:.4f}"
+    return (
+        f"{what}: {100 * m['accuracy']:.1f} % of the pixels get their material, cross entropy "
+        f"{m['cross_entropy']:.3f}, temperature off by {m['temperature_rmse_k']:.2f} K"
+    )
+
+
+def export(args):
+    from physics.whole_file import check_writable
+
+    from .weights import load_network
+
+    check_writable(args.out)
+    network, history = load_network(args.model)
+    try:
+        from export.to_onnx import export_onnx
+    except ModuleNotFoundError as e:
+        if e.name not in ("onnx", "onnxscript"):
+            raise
+        raise InputError(
+            "export needs the packages onnx and onnxscript; pip install 'texnet[export]'."
+        ) from e
+    export_onnx(network, history, args.out)
+    size = args.out.stat().st_size
+    text = f"{args.out}: {args.model} and all that answers a cube with it, {size / 1e6:.1f} MB."
+    return text, {"command": "export", "model": args.model, "file": args.out, "bytes": size}
+
+
 # --- decompose and demo ------------------------------------------------------------------
 
 
-def _decompose(cube_path, directory, library, method, k):
+def _decompose(cube_path, directory, library, method, k, model):
     from physics.library import MaterialLibrary
     from physics.simulator.truth import Truth
 
@@ -156,8 +253,9 @@ def _decompose(cube_path, directory, library, method, k):
     from .progress import progress_bar
 
     check_directory(directory)
+    run = _runner(method, model)
     with progress_bar() as report:
-        d = decompose(cube, library, method=method, k=k, progress=report)
+        d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     metrics = None
     if truth is not None:
         metrics = evaluate(d, truth) | {"baselines": baseline_correlations(cube, truth)}
@@ -176,6 +274,31 @@ def _decompose(cube_path, directory, library, method, k):
         "seconds": d.seconds, "metrics": metrics, "files": paths,
     }  # fmt: skip
     return _summary(result), result
+
+
+def _runner(method, model):
+    """What runs the network: ONNX Runtime for net+sgd; torch for other weights and for net."""
+    if method not in ("net", "net+sgd"):
+        if model is not None:
+            raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
+        return None
+    if model is not None and model.suffix != ".onnx":
+        from physics.refinement import STEPS
+
+        from .learned import torch_model
+        from .weights import load_network
+
+        return torch_model(load_network(model)[0], STEPS if method == "net+sgd" else 0)
+    if method == "net":
+        if model is not None:
+            raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
+        return None
+    from export.runtime import Runtime
+
+    if model is not None:
+        return Runtime(model).run
+    with as_file(files("texnet") / "data" / SHIPPED) as path:
+        return Runtime(path).run
 
 
 def _summary(r):
@@ -269,13 +392,53 @@ def _parser():
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
-        "--method", choices=("local", "sgd"), default="sgd",
-        help="each pixel by itself, or semi-global (default)",
+        "--method", choices=("local", "sgd", "net", "net+sgd"), default="net+sgd",
+        help="the network's proposal refined (default), or alone; or without a network: each "
+        "pixel by itself, or semi-global",
+    )  # fmt: skip
+    p.add_argument(
+        "--model", metavar="FILE", type=Path,
+        help=".onnx, or .safetensors from train or finetune; default: the one shipped",
     )  # fmt: skip
     p.add_argument(
         "--k", metavar="N", type=_integer(1, 10), default=5,
         help="objects that stand for the environment, 1-10, default: 5",
     )  # fmt: skip
+
+    def add_training(name, run, text, scenes, epochs):
+        p = add(commands, name, run, text)
+        p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".safetensors")
+        p.add_argument(
+            "--scenes", metavar="N", type=_integer(1, 100_000), default=scenes,
+            help=f"simulated scenes to train on, default: {scenes}",
+        )  # fmt: skip
+        p.add_argument(
+            "--epochs", metavar="N", type=_integer(1, 10_000), default=epochs,
+            help=f"default: {epochs}",
+        )  # fmt: skip
+        p.add_argument(
+            "--cache", metavar="DIR", type=Path, default=Path.home() / ".cache" / "texnet",
+            help="scenes and checkpoints, default: ~/.cache/texnet",
+        )  # fmt: skip
+        p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
+        return p
+
+    # the defaults of training.train and training.finetune, which are slow to import
+    add_training("train", train, "train a network on simulated scenes; hours", 800, 30)
+    p = add_training("finetune", finetune, "adapt a network to a library; minutes", 48, 5)
+    p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
+    p.add_argument(
+        "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / MODEL,
+        help="weights to start from, default: the package's",
+    )  # fmt: skip
+    p.add_argument(
+        "--cubes", metavar="CUBE", type=Path, nargs="+", default=[],
+        help="train on these alone, of which no truth is known, by Eq. 1; .exr or .npz",
+    )  # fmt: skip
+
+    p = add(commands, "export", export, "write a network as one ONNX file; minutes")
+    p.add_argument("model", metavar="MODEL", type=Path, help=".safetensors")
+    p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".onnx")
 
     p = commands.add_parser("library", help="the starter library of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")

@@ -1,7 +1,8 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-environment from the cube -> exact local solution of every pixel and material ->
-semi-global refinement -> distilled texture, with how sure each part is.
+net, net+sgd   environment from the cube -> evidence -> network -> refinement and texture
+local, sgd     environment from the cube -> exact local solution of every pixel and material
+               -> semi-global refinement -> distilled texture, with how sure each part is
 """
 
 import time
@@ -18,9 +19,13 @@ from physics.library import MaterialLibrary
 from physics.local import PIXELS_PER_BLOCK, solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
+from physics.refinement import STEPS
 from physics.semiglobal import Objective, refine
 
-METHODS = ("local", "sgd")
+from .inputs import known_arrays
+from .learned import torch_model
+
+METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
 CHI2_SIGMAS = 6.0  # beyond which nothing in the library fits
 OWN_PROBABILITY = 0.2  # of the answer from the pixel's own evidence, below which it is unknown
@@ -34,9 +39,9 @@ class Decomposition:
 
     temperature_k         K; for sky pixels that of what stands before the sky, if any, or the air's
     material              int16, index into material_names
-    thermal_lighting      V (k, height, width), summing to 1; zero for sky pixels
+    thermal_lighting      V (k, height, width), summing to 1; zero where only sky is seen
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
-    texture               X (bands, height, width) W m-2 sr-1 um-1
+    texture               X (bands, height, width) W m-2 sr-1 um-1, zero there
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean);
                           the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
@@ -75,19 +80,23 @@ def decompose(
     cube: HeatCube,
     library: MaterialLibrary | None = None,
     *,
-    method: str = "sgd",
+    method: str = "net+sgd",
     k: int = 5,
     environment: Environment | None = None,
     seed: int = 0,
+    model=None,
     progress=None,
 ) -> Decomposition:
     """Decompose a heat cube.
 
     library      the materials that may occur; the starter library if None
-    method       "local": each pixel by itself, exactly; "sgd": semi-global, from local
+    method       "net+sgd": the network's proposal, refined; "net": the network alone;
+                 "local": each pixel by itself, exactly; "sgd": semi-global, from local
     k            number of environment objects, 1..10, estimated from the cube by K-means
     environment  take this one instead
     seed         of the K-means
+    model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
+                 export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or method or k are wrong.
@@ -109,6 +118,11 @@ def decompose(
 
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
+    if method.startswith("net"):
+        run = model or torch_model(steps=STEPS if method == "net+sgd" else 0)
+        maps = run(cube.radiance, known_arrays(cube, library, environment), report("network"))
+        lap("network")
+        return _of_maps(cube, library, environment, maps, seconds)
     model = reduce_model(cube, library, environment)
     local = solve_local(model, cube.spectra, report("local"))
     lap("local")
@@ -120,6 +134,15 @@ def decompose(
         answer = refine(objective, start, report("refine"))
     lap("refine")
     return _assemble(cube, library, environment, model, local, answer, seconds, lap)
+
+
+def _of_maps(cube, library, environment, maps, seconds):
+    return Decomposition(
+        **{name: np.asarray(a) for name, a in maps.items()},
+        material_names=library.names, environment=environment.radiance, sky=environment.sky,
+        wavelength_um=cube.wavelength_um, hue_deg=library.hue_deg, netd_k=cube.netd_k,
+        seconds=seconds,
+    )  # fmt: skip
 
 
 def _temperature_at_sky(cube, library, model, local, state, sky):

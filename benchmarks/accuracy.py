@@ -1,0 +1,91 @@
+"""Accuracy and time of every method against the number of bands, on scenes nobody trained on.
+
+    python -m benchmarks.accuracy --out DIR
+
+Twelve random scenes of the test split (seeds from 3,000,000; training uses 1,000,000 and
+2,000,000) and the presets with skies at seed 7. Each is path-traced once and shaded in 4, 9,
+18, 54 and 100 bands over 8-14 um, noise 50 mK; the environment is estimated from the noisy
+cube with k = 5 objects; the library is the whole starter library. Writes accuracy.csv, one
+row per scene, bands and method, and prints the means. Everything runs on two threads.
+"""
+
+import argparse
+import csv
+import time
+from pathlib import Path
+
+import numpy as np
+
+from physics.library import MaterialLibrary
+from physics.simulator import trace_scene
+from physics.simulator.presets import preset
+from physics.simulator.sensor import equidistant_bands
+from texnet.metrics import evaluate
+from texnet.pipeline import METHODS, decompose
+from training.scenes import BASE_SEED
+
+BANDS = (4, 9, 18, 54, 100)
+PRESETS = ("forest", "street", "patterned", "patches")
+RANDOM_SCENES, SIZE, SPP, NETD_K, K = 12, (128, 160), 64, 0.05, 5
+SHOWN = (
+    "temperature_rmse_k", "material_accuracy", "mean_iou", "cross_entropy",
+    "texture_correlation", "seconds_per_megapixel",
+)  # fmt: skip
+
+
+def test_scenes(random_scenes=RANDOM_SCENES):
+    """Yield name and TracedScene of every test scene; rooms without sky among them."""
+    library = MaterialLibrary.starter()
+    chosen = [("random", BASE_SEED["test"] + i) for i in range(random_scenes)]
+    chosen += [(name, 7) for name in PRESETS]
+    for name, seed in chosen:
+        yield f"{name} {seed}", trace_scene(preset(name, seed), SIZE, SPP, seed, library)
+
+
+def measure(cube, truth, method):
+    """The metrics of one method on one cube, with its time."""
+    start = time.perf_counter()
+    answer = decompose(cube, method=method, k=K)
+    seconds = time.perf_counter() - start
+    pixels = cube.shape[0] * cube.shape[1]
+    return evaluate(answer, truth) | {"seconds_per_megapixel": seconds / pixels * 1e6}
+
+
+def table(rows):
+    """Lines of text: the mean over scenes of what is SHOWN, per number of bands and method."""
+    yield f"{'bands':>5} {'method':8}" + "".join(f"{name[:14]:>16}" for name in SHOWN)
+    for bands in sorted({r["bands"] for r in rows}):
+        for method in METHODS:
+            of = [r for r in rows if (r["bands"], r["method"]) == (bands, method)]
+            if of:
+                means = (np.nanmean([r[name] for r in of]) for name in SHOWN)
+                yield f"{bands:5d} {method:8}" + "".join(f"{m:16.3f}" for m in means)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--scenes", type=int, default=RANDOM_SCENES, help="random ones")
+    parser.add_argument("--bands", type=int, nargs="+", default=BANDS)
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    library, rows = MaterialLibrary.starter(), []
+    for name, traced in test_scenes(args.scenes):
+        for bands in args.bands:
+            w, fwhm = equidistant_bands(bands)
+            cube, truth = traced.shade(library, w, fwhm, NETD_K)
+            for method in args.methods:
+                row = {"scene": name, "bands": bands, "method": method}
+                rows.append(row | measure(cube, truth, method))
+                shown = "  ".join(f"{rows[-1][n]:8.3f}" for n in SHOWN)
+                print(f"{name:16} {bands:4d} {method:8} {shown}", flush=True)
+        with open(args.out / "accuracy.csv", "w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+    print("\n".join(table(rows)))
+
+
+if __name__ == "__main__":
+    main()

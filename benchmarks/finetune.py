@@ -1,0 +1,250 @@
+"""What fine-tuning is worth on a library whose materials were never seen in training.
+
+    python -m benchmarks.finetune --out DIR [--cache DIR] [--model FILE] [--parts PART ...]
+
+Parts, each of which may be run alone, interrupted and run again; what is done is kept:
+
+    zero-shot   the shipped weights, as they are
+    scenes      fine-tuned on 48 training scenes, shaded again with the new library
+    cubes       fine-tuned by the physics loss alone, on 12 cubes of no known truth
+    scratch     trained from nothing on all 800, by the recipe of `training.train` (hours)
+
+All are measured on test scenes (other geometry, temperatures, skies) made of the new library:
+54 bands, NETD 50 mK, environment estimated from the cube, k = 5; by the network alone and with
+refinement. DIR gets PART.safetensors, PART.json and, of all parts there, finetune.csv.
+
+Minutes of scenes are extrapolated from a few (TIMED), because most lie in the cache; minutes of
+training are those spent, shading included, on a machine that may be busy: draws are not.
+"""
+
+import argparse
+import csv
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import patch
+
+import numpy as np
+import pytorch_lightning as lightning
+import torch
+
+from physics import starter
+from physics.errors import InputError
+from physics.estimate import estimate_environment
+from physics.evidence import Known
+from physics.library import MaterialLibrary
+from physics.refinement import STEPS
+from physics.simulator.sensor import equidistant_bands
+from physics.starter import AIR, Recipe
+from physics.whole_file import whole_file
+from texnet.cli import MODEL
+from texnet.inputs import known_arrays
+from texnet.metrics import evaluate
+from texnet.model import TeXModel
+from texnet.network import TeXNet
+from texnet.progress import progress_bar
+from texnet.weights import load_network, save_network
+from training import finetune as recipe
+from training import train
+from training.reshade import ReshadedSet
+
+BANDS, NETD_K, K = 54, 0.05, 5
+TEST_SCENES, CUBES = 12, 12
+TIMED = 4  # scenes
+PARTS = ("zero-shot", "scenes", "cubes", "scratch")
+SCORES = ("material_accuracy", "cross_entropy", "temperature_rmse_k", "texture_correlation")
+
+# Pages of refractiveindex.info that the starter library does not use.
+SUBSTANCES = {
+    "polyimide": ("other/Kapton/Zhang",),
+    "silicone": ("organic/polydimethylsiloxane/Zhang-10-1",),
+    "polyetherimide": ("organic/polyetherimide/Zhang",),
+    "diethyl phthalate": ("organic/diethyl_phthalate/Querry-IR",),
+    "toluene": ("organic/toluene/Myers",),
+    "propanol": ("organic/propanol/Sani",),
+    "silicon carbide": ("main/SiC/Larruquert",),
+    "boron carbide": ("main/B4C/Larruquert",),
+    "silicon monoxide": ("main/SiO/Herguedas",),
+    "hafnia": ("main/HfO2/Franta",),
+    "niobia": ("main/Nb2O5/Franta",),
+    "tantala": ("main/Ta2O5/Franta-2025",),
+    "garnet": ("main/Y3Al5O12/Franta",),
+    "aluminium nitride": ("main/AlN/Beliaev2",),
+    "magnesium fluoride": ("main/MgF2/Franta",),
+    "vanadium dioxide": ("main/VO2/Beaini-25C",),
+    "graphite": ("main/C/Querry-DixonKS2",),
+    "brass": ("other/Cu-Zn/Querry-Cu70Zn30",),
+    "titanium": ("main/Ti/Ordal",),
+}
+
+
+def _recipe(name, recollision, *facets):
+    return Recipe(name, 0.0, (0.4, 0.4, 0.4), facets, recollision, "Never seen in training.")
+
+
+RECIPES = (
+    _recipe("polyimide", 0.1, (1.0, {"polyimide": 1.0})),
+    _recipe("silicone", 0.2, (1.0, {"silicone": 1.0})),
+    _recipe("polyetherimide", 0.1, (1.0, {"polyetherimide": 1.0})),
+    _recipe("lacquer", 0.1, (1.0, {"diethyl phthalate": 0.7, "toluene": 0.3})),
+    _recipe("felt", 0.5, (0.7, {"propanol": 0.8, AIR: 0.2}), (0.3, {"polyimide": 1.0})),
+    _recipe("carborundum", 0.4, (1.0, {"silicon carbide": 0.8, AIR: 0.2})),
+    _recipe("boron_carbide", 0.3, (1.0, {"boron carbide": 1.0})),
+    _recipe("slag", 0.3, (0.8, {"silicon monoxide": 1.0}), (0.2, {"vanadium dioxide": 1.0})),
+    _recipe("hafnia", 0.3, (1.0, {"hafnia": 0.7, AIR: 0.3})),
+    _recipe("niobia", 0.3, (1.0, {"niobia": 0.8, AIR: 0.2})),
+    _recipe("tantala", 0.2, (1.0, {"tantala": 1.0})),
+    _recipe("garnet", 0.3, (1.0, {"garnet": 1.0})),
+    _recipe("nitride", 0.2, (1.0, {"aluminium nitride": 0.9, AIR: 0.1})),
+    _recipe("fluoride", 0.3, (1.0, {"magnesium fluoride": 1.0})),
+    _recipe("graphite", 0.5, (1.0, {"graphite": 1.0})),
+    _recipe("brass", 0.3, (0.9, {"brass": 1.0}), (0.1, {"niobia": 1.0})),
+    _recipe("titanium", 0.4, (0.7, {"titanium": 1.0}), (0.3, {"tantala": 1.0})),
+)
+
+
+def new_library():
+    """MaterialLibrary of 17 materials by the starter's recipe steps, and the starter's sky."""
+    with patch.dict(starter.SUBSTANCES, SUBSTANCES):
+        solid = [starter.emissivity(r) for r in RECIPES]
+    old = MaterialLibrary.starter()
+    sky = old.at(starter.WAVELENGTH_UM)[old.sky_index]
+    return MaterialLibrary(
+        ["sky", *(r.name for r in RECIPES)], starter.WAVELENGTH_UM, np.stack([sky, *solid])
+    )
+
+
+def measure(network, scenes, steps):
+    """Scores of a TeXModel on the first turn of a ReshadedSet: dict of means over scenes
+    (temperature: root mean square), and seconds per scene of the model alone."""
+    library, rows, seconds = scenes.library, [], 0.0
+    for i in range(scenes.count):
+        cube, truth = scenes.shade(i, *equidistant_bands(BANDS), NETD_K)
+        arrays = known_arrays(cube, library, estimate_environment(cube, library, K))
+        known = Known(**{name: torch.from_numpy(a) for name, a in arrays.items()})
+        start = time.perf_counter()
+        tex = TeXModel(network, steps)(known, torch.from_numpy(cube.radiance.copy()))
+        seconds += time.perf_counter() - start
+        answer = {name: a.numpy() for name, a in tex._asdict().items()}
+        scores = evaluate(SimpleNamespace(material_names=library.names, **answer), truth)
+        rows.append([scores[name] for name in SCORES])
+    means = dict(zip(SCORES, np.nanmean(rows, axis=0), strict=True))
+    t = np.array(rows)[:, SCORES.index("temperature_rmse_k")]
+    means["temperature_rmse_k"] = np.sqrt(np.nanmean(t**2))
+    return {n: float(v) for n, v in means.items()} | {"seconds_per_scene": seconds / len(rows)}
+
+
+def _network(part, args, library, report):
+    """(network, scenes it took, draws it took, minutes of training) of a part."""
+    if part == "scratch":
+        scenes = ReshadedSet(args.cache, "train", args.scratch_scenes, library)
+        scenes.make(lambda n, of: report(n, of, "scenes"))
+        lightning.seed_everything(0, verbose=False)
+        steps = args.scratch_epochs * train.PER_EPOCH // train.TOGETHER
+        module = train.Training(TeXNet(), steps)
+        what = ["scratch", scenes.folder.name, args.scratch_scenes, args.scratch_epochs]
+        train.fit(
+            module, train.Draws(scenes, 0, train.SIDE), None,
+            args.cache / "runs" / train.run_name(what), epochs=args.scratch_epochs,
+            progress=report,
+        )  # fmt: skip
+        draws = args.scratch_epochs * train.PER_EPOCH
+        return module.network.eval(), args.scratch_scenes, draws, module.seconds / 60
+    network, _ = load_network(args.model)
+    if part == "zero-shot":
+        return network, 0, 0, 0.0
+    cubes = []
+    if part == "cubes":
+        seen = ReshadedSet(args.cache, "validation", CUBES, library)
+        seen.make(lambda n, of: report(n, of, "scenes"))
+        cubes = [seen.shade(i, *equidistant_bands(BANDS), NETD_K)[0] for i in range(CUBES)]
+    network, history = recipe.finetune(
+        network, library, args.cache, scenes=args.scenes, epochs=args.epochs, cubes=cubes,
+        progress=report,
+    )  # fmt: skip
+    draws = args.epochs * recipe.PER_EPOCH
+    return network, 0 if cubes else args.scenes, draws, history["minutes"]["training"]
+
+
+def _seconds_per_scene(library):
+    with tempfile.TemporaryDirectory() as folder:
+        scenes = ReshadedSet(folder, "train", TIMED, library)
+        start = time.perf_counter()
+        scenes.make()
+        return (time.perf_counter() - start) / TIMED
+
+
+def run(part, args, library):
+    """Make a part's network, measure it -> rows of the table; keep both in args.out."""
+    with progress_bar() as report:
+        network, scenes, draws, minutes = _network(part, args, library, report)
+        test = ReshadedSet(args.cache, "test", args.test_scenes, library)
+        test.make(lambda n, of: report(n, of, "test scenes"))
+    cost = {
+        "draws": draws, "minutes_scenes": round(scenes * _seconds_per_scene(library) / 60, 2),
+        "minutes_training": round(minutes, 2),
+    }  # fmt: skip
+    save_network(network, args.out / f"{part}.safetensors", {"benchmark": part} | cost)
+    rows = [
+        {"part": part, "refined": steps > 0, "test_scenes": args.test_scenes}
+        | measure(network, test, steps) | cost
+        for steps in (0, STEPS)
+    ]  # fmt: skip
+    with whole_file(args.out / f"{part}.json") as path:
+        path.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+
+
+def table(out):
+    """Write finetune.csv of all parts that are done, and return it as text."""
+    done = [out / f"{p}.json" for p in PARTS if (out / f"{p}.json").exists()]
+    rows = [row for path in done for row in json.loads(path.read_text(encoding="utf-8"))]
+    with whole_file(out / "finetune.csv") as path, open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    lines = [f"{'part':10s} refined  accuracy  entropy  T rmse K  texture r  draws  minutes"]
+    for r in rows:
+        minutes = f"{r['minutes_scenes']:.1f} + {r['minutes_training']:.1f}"
+        lines.append(
+            f"{r['part']:10s} {'yes' if r['refined'] else 'no':7s}  {r['material_accuracy']:8.4f}"
+            f"  {r['cross_entropy']:7.3f}  {r['temperature_rmse_k']:8.3f}"
+            f"  {r['texture_correlation']:9.3f}  {r['draws']:5d}  {minutes}"
+        )
+    return "\n".join(lines)
+
+
+def main(argv=None):
+    p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    p.add_argument("--out", type=Path, required=True, metavar="DIR")
+    p.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "texnet", metavar="DIR")
+    p.add_argument(
+        "--model", type=Path, metavar="FILE",
+        default=Path(__file__).parent.parent / "texnet" / "data" / MODEL,
+    )  # fmt: skip
+    p.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS[:3], metavar="PART")
+    p.add_argument("--scenes", type=int, default=recipe.SCENES)
+    p.add_argument("--epochs", type=int, default=recipe.EPOCHS)
+    p.add_argument("--scratch-scenes", type=int, default=train.SCENES)
+    p.add_argument("--scratch-epochs", type=int, default=train.EPOCHS)
+    p.add_argument("--test-scenes", type=int, default=TEST_SCENES)
+    args = p.parse_args(argv)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        library = new_library()
+        for part in args.parts:
+            run(part, args, library)
+    except (InputError, OSError) as e:
+        print(f"finetune: error: {e}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("finetune: stopped; the same command goes on.", file=sys.stderr)
+        return 130
+    print(table(args.out))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

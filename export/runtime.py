@@ -1,0 +1,113 @@
+"""Answers from a texnet ONNX file by numpy and onnxruntime alone, in bounded memory.
+
+What an image takes is dominated by its pixels' inner products with the columns of every
+hypothesis (see `physics.evidence`): tens of kB a pixel, so it is answered tile by tile.
+"""
+
+import json
+import os
+
+import numpy as np
+import onnxruntime
+
+from physics.errors import InputError
+from physics.tiles import run_tiled
+
+TILE_BYTES = 1e9  # about
+COPIES = 3  # of the inner products, that live at once
+BROKEN = "it is not an ONNX file that texnet wrote"
+
+
+class Runtime:
+    """A texnet ONNX file, ready to answer.
+
+    path     as `texnet export` wrote it
+    threads  of the computation; all cores if None
+
+    about is the file's metadata, JSON parsed: texnet_version, history, meaning (of inputs and
+    outputs), library (the starter library, as a library file), halo_px, limits.
+
+    Raises InputError if path cannot be read or is not a texnet ONNX file.
+    """
+
+    def __init__(self, path, threads=None):
+        onnxruntime.disable_telemetry_events()
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads or os.cpu_count()
+        options.log_severity_level = 3  # errors, which it raises too
+        options.enable_cpu_mem_arena = False  # it would keep the most that it ever took
+        try:
+            with open(path, "rb") as file:
+                content = file.read()
+        except OSError as e:
+            raise InputError(f"model: cannot read {path}: {e.strerror}.") from e
+        try:
+            self._session = onnxruntime.InferenceSession(
+                content, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as e:  # onnxruntime's own have no other base
+            raise InputError(f"model: cannot read {path}: {BROKEN}.") from e
+        about = self._session.get_modelmeta().custom_metadata_map
+        if "texnet_version" not in about:
+            raise InputError(f"model: cannot read {path}: {BROKEN}.")
+        as_json = ("history", "meaning", "library", "halo_px", "limits")
+        self.about = {k: json.loads(v) if k in as_json else v for k, v in about.items()}
+
+    def run(self, radiance, known, progress=None):
+        """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
+
+        radiance  (bands, height, width) W m-2 sr-1 um-1
+        known     dict of arrays as `texnet.inputs.known_arrays` makes it
+        progress  called as progress(done, total) after each tile
+
+        material is int16, unknown bool, the others float32. Raises InputError where sizes do
+        not agree or exceed what the file can take.
+        """
+        feeds = {"radiance": radiance, **known}
+        feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
+        pixels = TILE_BYTES / self._bytes_per_pixel(self._sizes(feeds))
+        image = feeds.pop("radiance")
+        return run_tiled(
+            lambda tile: self._answer(feeds | {"radiance": tile}),
+            image, self.about["halo_px"], pixels, progress,
+        )  # fmt: skip
+
+    def _answer(self, feeds):
+        maps = zip(self._session.get_outputs(), self._session.run(None, feeds), strict=True)
+        maps = {output.name: a for output, a in maps}
+        return maps | {"material": maps["material"].astype(np.int16)}
+
+    def _sizes(self, feeds):
+        """Size by name, after checking that the inputs are those of the file and agree."""
+        expected = {i.name: i.shape for i in self._session.get_inputs()}
+        if feeds.keys() != expected.keys():
+            wrong = ", ".join(sorted(feeds.keys() ^ expected.keys()))
+            raise InputError(f"model: its inputs are radiance and Known's fields; see {wrong}.")
+        sizes = {}
+        for name, axes in expected.items():
+            shape = feeds[name].shape
+            for size, n in zip(axes, shape, strict=False):
+                if isinstance(size, str):
+                    sizes.setdefault(size, n)
+            wanted = tuple(sizes.get(size, size) for size in axes)
+            if shape != wanted:
+                named = ", ".join(map(str, axes))
+                raise InputError(f"model: {name} must be ({named}) = {wanted}, got {shape}.")
+        limits = self.about["limits"]
+        if sizes["materials"] < limits["materials"]:
+            raise InputError(f"model: it needs {limits['materials']} materials or more.")
+        if self._columns(sizes) > limits["columns"]:
+            raise InputError(
+                f"model: environment objects and spreads together must be at most "
+                f"{limits['columns'] - limits['columns_besides']}."
+            )
+        if 0 in (sizes[s] for s in ("bands", "nodes", "k", "height", "width")):
+            raise InputError("model: an image, its bands and its environment must not be empty.")
+        return sizes
+
+    def _columns(self, sizes):
+        of = ("k", "spreads", "skylight_spreads", "sky_spreads")
+        return sum(sizes[s] for s in of) + self.about["limits"]["columns_besides"]
+
+    def _bytes_per_pixel(self, sizes):
+        return COPIES * 8 * 2 * sizes["materials"] * self._columns(sizes)

@@ -1,0 +1,184 @@
+"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, weights inside.
+
+torch.export follows the model once with every size symbolic, so the one file serves any
+image, bands, library and environment. Where torch meets a size of 1, or two equal sizes, it
+may take that for a law; so the sizes it sees here are all different and above 1, and no two
+sizes may have become one in the file.
+
+The file says what it is: see `METADATA`.
+"""
+
+import json
+import logging
+import warnings
+from contextlib import contextmanager
+from importlib.metadata import version
+
+import onnx
+import torch
+
+from physics.evidence import MAX_COLUMNS, TERMS, Known
+from physics.library import MaterialLibrary
+from physics.whole_file import check_writable, whole_file
+from texnet.model import HYPOTHESES, TeX, TeXModel
+
+OPSET = 23
+SPECTRUM = "W m-2 sr-1 um-1"
+# name: sizes, meaning
+INPUTS = {
+    "nodes_um": (("bands", "nodes"), "um, quadrature nodes of every band"),
+    "sigma": (("bands",), f"{SPECTRUM}, sensor noise"),
+    "emissivity": (("materials", "bands", "nodes"), "0..1, the library at the nodes"),
+    "is_sky": (("materials",), "1 for the sky, else 0"),
+    "environment": (("k", "bands"), f"{SPECTRUM}, spectra of the environment objects"),
+    "sky_object": (("k",), "1 for the objects that stand for the sky, else 0"),
+    "spread": (("spreads", "bands"), f"{SPECTRUM}, deviations of the surroundings"),
+    "skylight_spread": (("skylight_spreads", "bands"), f"{SPECTRUM}, those of the sky's light"),
+    "sky_spread": (("sky_spreads", "bands"), f"{SPECTRUM}, those of the sky's own pixels"),
+    "error": (("bands",), f"{SPECTRUM}, what the environment is wrong by in every band"),
+    "sky_mean": (("bands",), f"{SPECTRUM}, mean of the sky's pixels, 0 if none"),
+    "prior_k": ((2,), "K, mean and standard deviation of the scene's temperatures"),
+    "radiance": (("bands", "height", "width"), SPECTRUM),
+}
+OUTPUTS = {
+    "material_probability": (("materials", "height", "width"), "0..1"),
+    "material": (("height", "width"), "index into the library"),
+    "temperature_k": (("height", "width"), "K; of sky: of what stands before it, or the air"),
+    "temperature_sigma_k": (("height", "width"), "K, one standard deviation"),
+    "thermal_lighting": (("k", "height", "width"), "V, sums to 1; 0 for sky"),
+    "texture": (("bands", "height", "width"), f"{SPECTRUM}, X; 0 for sky"),
+    "sky_texture": (("height", "width"), f"{SPECTRUM}, band mean of X's sky-lit part"),
+    "residual": (("height", "width"), "noise units, root mean square"),
+    "unknown": (("height", "width"), "true where the answer should not be trusted"),
+}
+METADATA = {
+    "texnet_version": "of the package that wrote the file; marks a texnet file",
+    "history": "JSON: how the weights came about, with their validation metrics",
+    "meaning": "JSON: name of input or output -> sizes, unit and meaning",
+    "library": "JSON: the starter library, as a library file",
+    "halo_px": "how far a pixel's answer looks around itself",
+    "limits": "JSON: least materials; most columns, which are `columns_besides` and k and spreads",
+}
+EXAMPLE = dict(
+    bands=17, nodes=3, materials=7, k=4, spreads=5, skylight_spreads=2, sky_spreads=6,
+    height=11, width=13,
+)  # fmt: skip
+
+
+def export_onnx(network, history, path):
+    """Write a TeXNet as an ONNX file.
+
+    history  dict of plain values, as `texnet.weights.load_network` gives it
+
+    Takes a minute or two. Raises InputError if path cannot be written.
+    """
+    check_writable(path)
+    with _quiet():
+        model = _trace(TeXModel(network).eval())
+    _name_sizes(model)
+    _forget_origin(model)
+    for key, value in _metadata(network, history).items():
+        model.metadata_props.add(key=key, value=value)
+    onnx.checker.check_model(model, full_check=True)
+    with whole_file(path) as part:
+        part.write_bytes(model.SerializeToString(deterministic=True))
+
+
+@contextmanager
+def _quiet():
+    """Without what torch's exporter says of itself and of packages that are not needed."""
+    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
+
+
+def _trace(model):
+    assert Known._fields == tuple(INPUTS)[:-1] and TeX._fields == tuple(OUTPUTS)
+    known, radiance = _example()
+    dynamic = {
+        name: {i: torch.export.Dim.DYNAMIC for i, size in enumerate(sizes) if size in EXAMPLE}
+        for name, (sizes, _) in INPUTS.items()
+    }
+    of_known = Known(**{name: dynamic[name] for name in Known._fields})
+    program = torch.export.export(
+        model, (known, radiance), dynamic_shapes=(of_known, dynamic["radiance"]),
+        # what torch cannot prove of the sizes (no k + spreads > 36) it need not check either
+        prefer_deferred_runtime_asserts_over_guards=True,
+    )  # fmt: skip
+    return torch.onnx.export(
+        program, dynamo=True, opset_version=OPSET, verbose=False,
+        input_names=list(INPUTS), output_names=list(OUTPUTS),
+    ).model_proto  # fmt: skip
+
+
+def _example():
+    """Known and radiance of the EXAMPLE sizes; torch looks at the sizes alone."""
+    r = torch.Generator().manual_seed(0)
+    x = {
+        name: torch.rand([EXAMPLE.get(size, size) for size in sizes], generator=r)
+        for name, (sizes, _) in INPUTS.items()
+    }
+    x["nodes_um"] += 10.0
+    x["prior_k"] += 300.0
+    return Known(**{name: x[name] for name in Known._fields}), x["radiance"]
+
+
+def _name_sizes(model):
+    """Give sizes their names, after making sure that torch kept them apart."""
+    symbol_of = {}
+    for value, (sizes, _) in zip(
+        [*model.graph.input, *model.graph.output],
+        [*INPUTS.values(), *OUTPUTS.values()],
+        strict=True,
+    ):
+        for axis, size in zip(value.type.tensor_type.shape.dim, sizes, strict=True):
+            if size in EXAMPLE:
+                if symbol_of.setdefault(size, axis.dim_param) != axis.dim_param:
+                    raise AssertionError(f"{value.name}: {size} is {axis}")
+                axis.dim_param = size
+    if "" in symbol_of.values() or len(set(symbol_of.values())) < len(symbol_of):
+        raise AssertionError(f"torch did not keep all sizes apart: {symbol_of}")
+
+
+def _forget_origin(model):
+    """Drop what only the exporter's authors need: traces of this machine's source files."""
+    del model.graph.value_info[:]
+    del model.metadata_props[:]
+    del model.graph.metadata_props[:]
+    for node in model.graph.node:
+        node.doc_string = ""
+        del node.metadata_props[:]
+    for value in [*model.graph.input, *model.graph.output, *model.graph.initializer]:
+        value.doc_string = ""
+        del value.metadata_props[:]
+
+
+def _metadata(network, history):
+    library = MaterialLibrary.starter()
+    curves = {
+        "wavelength_um": library.wavelength_um.round(4).tolist(),
+        "materials": [
+            {"name": n, "emissivity": e.round(4).tolist(), "hue_deg": float(hue)}
+            for n, e, hue in zip(library.names, library.emissivity, library.hue_deg, strict=True)
+        ],
+    }
+    limits = {
+        "materials": -(-HYPOTHESES // 2), "columns": MAX_COLUMNS, "columns_besides": TERMS + 1
+    }  # fmt: skip
+    meaning = {n: {"sizes": s, "meaning": m} for n, (s, m) in {**INPUTS, **OUTPUTS}.items()}
+    values = {
+        "texnet_version": version("texnet"),
+        "history": json.dumps(history),
+        "meaning": json.dumps(meaning),
+        "library": json.dumps(curves, ensure_ascii=False),
+        "halo_px": str(network.halo),
+        "limits": json.dumps(limits),
+    }
+    assert values.keys() == METADATA.keys()
+    return values

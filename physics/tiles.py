@@ -1,0 +1,34 @@
+"""A picture of any size, worked off in tiles that see a halo around themselves.
+
+Where an answer looks no farther than the halo, tiling changes nothing but the memory it takes.
+"""
+
+import math
+
+import numpy as np
+
+
+def run_tiled(run, image, halo, pixels, progress=None):
+    """Maps of an image (..., height, width), tile by tile.
+
+    run       takes a tile (..., h, w) and answers with a dict of maps (..., h, w)
+    halo      how many pixels around itself an answer depends on
+    pixels    at most about so many in one tile, its halo included
+    progress  called as progress(done, total) after each tile
+    """
+    height, width = image.shape[-2:]
+    side = max(halo, int(math.sqrt(pixels)) - 2 * halo, 1)
+    corners = [(y, x) for y in range(0, height, side) for x in range(0, width, side)]
+    maps = {}
+    for done, (y, x) in enumerate(corners, 1):
+        top, left = max(0, y - halo), max(0, x - halo)
+        tile = image[..., top : y + side + halo, left : x + side + halo]
+        h, w = min(side, height - y), min(side, width - x)
+        for name, part in run(np.ascontiguousarray(tile)).items():
+            if name not in maps:
+                maps[name] = np.empty((*part.shape[:-2], height, width), part.dtype)
+            inner = part[..., y - top : y - top + h, x - left : x - left + w]
+            maps[name][..., y : y + h, x : x + w] = inner
+        if progress is not None:
+            progress(done, len(corners))
+    return maps

@@ -1,0 +1,267 @@
+"""One exported file answers as the torch model does, on any sizes, without torch."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from conftest import small_library
+
+import texnet
+from export import Runtime
+from export.to_onnx import export_onnx
+from physics import Environment, HeatCube, InputError
+from physics.eq1 import render
+from physics.evidence import Known
+from physics.planck import noise_sigma, radiance
+from texnet.inputs import known_arrays
+from texnet.learned import shipped_network
+from texnet.model import TeXModel
+from texnet.network import TeXNet
+from texnet.weights import load_network
+
+FLOATS = (
+    "material_probability", "temperature_k", "temperature_sigma_k", "thermal_lighting",
+    "texture", "sky_texture", "residual",
+)  # fmt: skip
+HISTORY = {"seed": 3, "validation": {"accuracy": 0.5}}
+
+
+PATH = Path(texnet.__file__).parent / "data" / "texnet.onnx"
+
+
+@pytest.fixture(scope="module")
+def network():
+    return shipped_network()
+
+
+@pytest.fixture(scope="module")
+def runtime():
+    return Runtime(PATH, threads=2)
+
+
+def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0):
+    """radiance and known arrays of a cube by Eq. 4, with as many spreads as said."""
+    rng = np.random.default_rng(seed)
+    pixels, library = shape[0] * shape[1], small_library(materials, seed)
+    w = np.linspace(8.05, 13.95, bands) if bands > 1 else np.array([10.0])
+    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * radiance(w, 285.0)
+    warm = [radiance(w, t) for t in np.linspace(280, 310, k - 1)]
+    sigma = noise_sigma(w, 0.05)
+    rows = [rng.normal(0, 0.02, (d, bands)) for d in spreads]
+    environment = Environment(
+        np.stack([cold, *warm]), w, (0,), spread=rows[0], skylight_spread=rows[1],
+        sky_spread=rows[2], error_k=0.05,
+    )  # fmt: skip
+    # patches, so that the neighbours have something to say
+    across = rng.integers(0, materials, (-(-shape[0] // 5), -(-shape[1] // 5)))
+    material = across.repeat(5, 0).repeat(5, 1)[: shape[0], : shape[1]].ravel()
+    s, _ = render(
+        rng.uniform(278, 308, pixels), library.at(w)[material],
+        rng.dirichlet(np.ones(k), pixels), environment.radiance, w,
+    )  # fmt: skip
+    s = s + rng.normal(size=s.shape) * sigma
+    cube = HeatCube(s.T.reshape(bands, *shape), w, netd_k=0.05)
+    return cube.radiance, known_arrays(cube, library, environment)
+
+
+def in_torch(network, image, known):
+    known = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+    answer = TeXModel(network)(known, torch.from_numpy(np.array(image)))
+    return {name: a.numpy() for name, a in answer._asdict().items()}
+
+
+def assert_close(a, b, temperature_k=5e-3, lighting=1e-3):
+    assert a.keys() == b.keys()
+    same = a["material"] == b["material"]
+    assert same.mean() >= 0.999
+    t = np.abs(a["temperature_k"] - b["temperature_k"])[same]
+    assert t.max() <= temperature_k
+    v = np.abs(a["thermal_lighting"] - b["thermal_lighting"])[:, same]
+    assert v.max() <= lighting
+
+
+RANDOM = np.random.default_rng(5)
+CONFIGURATIONS = [
+    dict(
+        bands=int(RANDOM.integers(4, 101)), k=int(RANDOM.integers(2, 9)),
+        materials=int(RANDOM.integers(4, 31)),
+        shape=tuple(RANDOM.integers(12, 40, 2).tolist()),
+        spreads=tuple(RANDOM.integers(0, 6, 3).tolist()), seed=seed,
+    )
+    for seed in range(6)
+]  # fmt: skip
+EDGES = [
+    dict(bands=4, k=2, materials=2, spreads=(0, 0, 0)),
+    dict(bands=100, k=10, materials=30, spreads=(6, 6, 6), shape=(9, 11)),
+    dict(k=1, spreads=(0, 2, 0)),
+    dict(shape=(1, 17)),
+    dict(shape=(17, 1)),
+    dict(shape=(1, 1)),
+    dict(bands=1, k=2),
+]
+
+
+@pytest.mark.parametrize("sizes", CONFIGURATIONS + EDGES, ids=str)
+def test_one_file_answers_as_torch_does(network, runtime, sizes):
+    image, known = scene(**sizes)
+    expected, answer = in_torch(network, image, known), runtime.run(image, known)
+    assert_close(answer, expected)
+    for name, a in answer.items():
+        assert a.shape == expected[name].shape, name
+
+
+def test_dtypes(runtime):
+    answer = runtime.run(*scene(shape=(5, 6)))
+    assert answer["material"].dtype == np.int16 and answer["unknown"].dtype == bool
+    assert all(answer[name].dtype == np.float32 for name in FLOATS)
+
+
+def test_the_network_part_matters(network, runtime):
+    image, known = scene()
+    plain = in_torch(TeXNet().eval(), image, known)
+    answer = runtime.run(image, known)
+    assert np.abs(plain["material_probability"] - answer["material_probability"]).max() > 0.05
+
+
+@pytest.mark.parametrize("pixels", [47**2, 70**2, 100**2])
+def test_tiles_do_not_show(runtime, monkeypatch, pixels):
+    image, known = scene(shape=(61, 75), bands=9)
+    whole = runtime.run(image, known)
+    per_pixel = runtime._bytes_per_pixel(runtime._sizes({"radiance": image, **known}))
+    monkeypatch.setattr("export.runtime.TILE_BYTES", pixels * per_pixel)
+    done = []
+    tiled = runtime.run(image, known, lambda n, of: done.append((n, of)))
+    assert len(done) > 1 and done == [(n + 1, len(done)) for n in range(len(done))]
+    assert_close(tiled, whole, temperature_k=1e-3, lighting=1e-4)
+
+
+def test_permuting_library_and_environment_permutes_the_answer(runtime):
+    image, known = scene()
+    rng = np.random.default_rng(1)
+    m, j = rng.permutation(8), rng.permutation(3)
+    turned = known | {
+        "emissivity": known["emissivity"][m], "is_sky": known["is_sky"][m],
+        "environment": known["environment"][j], "sky_object": known["sky_object"][j],
+    }  # fmt: skip
+    a, b = runtime.run(image, known), runtime.run(image, turned)
+    b["material"] = m[b["material"]]
+    b["thermal_lighting"] = b["thermal_lighting"][np.argsort(j)]
+    assert_close(b, a)
+
+
+def test_the_answer_needs_no_torch(runtime, tmp_path):
+    image, known = scene()
+    np.savez(tmp_path / "scene.npz", image=image, **known)
+    code = (
+        "import sys\n"
+        "for name in ('torch', 'sklearn', 'numba', 'kornia', 'onnx', 'scipy', 'matplotlib'):\n"
+        "    sys.modules[name] = None\n"
+        "import numpy as np\n"
+        "from export.runtime import Runtime\n"
+        "known = dict(np.load(sys.argv[2]))\n"
+        "image = known.pop('image')\n"
+        "np.savez(sys.argv[3], **Runtime(sys.argv[1], threads=2).run(image, known))\n"
+    )
+    out = tmp_path / "answer.npz"
+    subprocess.run([sys.executable, "-c", code, PATH, tmp_path / "scene.npz", out], check=True)
+    with np.load(out) as answer:
+        assert_close(dict(answer), runtime.run(image, known), 1e-4, 1e-5)
+
+
+def test_the_shipped_file_holds_the_shipped_weights(runtime):
+    _, history = load_network(PATH.with_suffix(".safetensors"))
+    assert runtime.about["history"] == history
+
+
+def test_a_new_export_answers_as_its_network_and_says_what_it_is(tmp_path):
+    """Slow: the export itself takes a minute or two."""
+    with torch.random.fork_rng():
+        torch.manual_seed(3)
+        network = TeXNet(width=16, dilations=(1, 2), messages=1).eval()
+        with torch.no_grad():  # so that what it learns matters
+            network.heads.weight.mul_(10)
+            network.heads.bias.normal_(0, 0.3)
+    path = tmp_path / "model.onnx"
+    export_onnx(network, HISTORY, path)
+    runtime = Runtime(path)
+    image, known = scene()
+    assert_close(runtime.run(image, known), in_torch(network, image, known))
+    about = runtime.about
+    assert about["texnet_version"] == version("texnet") and about["history"] == HISTORY
+    assert about["halo_px"] == network.halo == 4
+    assert about["meaning"]["radiance"]["sizes"] == ["bands", "height", "width"]
+    names = {m["name"] for m in about["library"]["materials"]}
+    assert "sky" in names and len(names) == 30
+    file = onnx.load(path, load_external_data=False)
+    assert os.listdir(tmp_path) == [path.name] and path.stat().st_size < 2e6
+    assert not any(i.data_location for i in file.graph.initializer)  # nothing lies elsewhere
+    assert b"/physics/" not in path.read_bytes()  # nor says whose machine wrote it
+
+
+def test_files_of_others_are_named_as_such(tmp_path, runtime):
+    with pytest.raises(InputError, match="cannot read .*none.onnx: No such file"):
+        Runtime(tmp_path / "none.onnx")
+    garbage = tmp_path / "garbage.onnx"
+    garbage.write_bytes(b"not a model" * 9)
+    with pytest.raises(InputError, match="not an ONNX file that texnet wrote"):
+        Runtime(garbage)
+    x = onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [1])
+    y = onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
+    graph = onnx.helper.make_graph([onnx.helper.make_node("Abs", ["x"], ["y"])], "g", [x], [y])
+    opset = onnx.helper.make_opsetid("", 18)
+    other = tmp_path / "other.onnx"
+    onnx.save(onnx.helper.make_model(graph, opset_imports=[opset], ir_version=10), other)
+    with pytest.raises(InputError, match="not an ONNX file that texnet wrote"):
+        Runtime(other)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda k: k.pop("error"), "see error"),
+        (lambda k: k.update(sigma=k["sigma"][:-1]), "sigma must be"),
+        (lambda k: k.update(prior_k=np.ones(3)), "prior_k must be"),
+        (lambda k: k.update(emissivity=k["emissivity"][:1], is_sky=k["is_sky"][:1]), "2 materials"),
+        (lambda k: k.update(spread=np.zeros((40, 24))), "at most 30"),
+    ],
+)
+def test_wrong_input_is_said_in_one_sentence(runtime, change, message):
+    image, known = scene()
+    change(known)
+    with pytest.raises(InputError, match=message):
+        runtime.run(image, known)
+
+
+def test_an_empty_image_is_refused(runtime):
+    image, known = scene()
+    with pytest.raises(InputError, match="must not be empty"):
+        runtime.run(image[:, :0], known)
+
+
+def test_a_file_that_cannot_be_written_is_said_at_once(network, tmp_path):
+    with pytest.raises(InputError, match="there is no folder"):
+        export_onnx(network, HISTORY, tmp_path / "none" / "model.onnx")
+
+
+def test_the_command_exports_weights(network, tmp_path, capsys, monkeypatch):
+    from texnet.cli import main
+    from texnet.weights import save_network
+
+    save_network(network, tmp_path / "w.safetensors", HISTORY)
+
+    def write(network, history, path):  # the real one takes minutes and is tested above
+        assert history == HISTORY and network.config == TeXNet().config
+        path.write_bytes(b"12345")
+
+    monkeypatch.setattr("export.to_onnx.export_onnx", write)
+    out = tmp_path / "m.onnx"
+    assert main(["export", str(tmp_path / "w.safetensors"), "--out", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["file"] == str(out) and result["bytes"] == 5

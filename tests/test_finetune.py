@@ -1,0 +1,350 @@
+"""Fine-tuning and training at toy size: what they promise, not how good they are."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from traced import one_thread  # noqa: F401
+
+import training.crops as crops
+import training.finetune as module
+import training.reshade as reshade
+import training.samples as samples
+import training.train as train_module
+from physics import InputError, MaterialLibrary
+from physics.heat_cube import HeatCube
+from physics.library import SKY
+from physics.simulator.sensor import equidistant_bands
+from physics.simulator.traced import TracedScene
+from texnet.cli import _parser, main
+from texnet.cube_io import write_cube
+from texnet.network import TeXNet
+from texnet.weights import load_network, save_network
+from training.crops import Crops
+from training.finetune import finetune
+from training.reshade import ReshadedSet, with_sky
+from training.samples import draw
+from training.scenes import SceneSet, Settings
+from training.train import Draws, Training, fit
+
+ROOT = Path(__file__).parent.parent
+STARTER = MaterialLibrary.starter()
+TINY = Settings(size=24, spp=8)
+NEW = STARTER.subset(["sky", "sand", "ice", "steel"])
+DRAWS = 4  # per epoch: one step
+
+
+@pytest.fixture(autouse=True)
+def toy(monkeypatch):
+    monkeypatch.setattr(module, "PER_EPOCH", DRAWS)
+    monkeypatch.setattr(module, "HELD_OUT", 1)
+    monkeypatch.setattr(samples, "BANDS", (4, 16))
+    for of_draws in (samples, crops):
+        monkeypatch.setattr(of_draws, "OBJECTS", (2, 4))
+    monkeypatch.setattr(train_module, "WORKERS", 0)
+    monkeypatch.setattr(ReshadedSet.__init__, "__defaults__", (0, TINY))
+    monkeypatch.setattr(SceneSet.__init__, "__defaults__", (TINY,))
+
+
+def network(seed=0):
+    torch.manual_seed(seed)
+    return TeXNet(width=8, dilations=(1,), messages=1).eval()
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def traced(cache):
+    made = ReshadedSet(cache, "train", 2, NEW)
+    made.make()
+    return made
+
+
+@pytest.fixture
+def cube(traced):
+    return traced.shade(0, *equidistant_bands(20), netd_k=0.05)[0]
+
+
+def weights(net):
+    return {name: p.clone() for name, p in net.state_dict().items()}
+
+
+def same(a, b):
+    return all(torch.equal(a[name], b[name]) for name in a)
+
+
+# --- scenes shaded again -----------------------------------------------------------------
+
+
+def test_the_same_paths_serve_any_library(traced, cache):
+    other = ReshadedSet(cache, "train", 2, STARTER)
+    assert other.path(0) == traced.path(0) and len(traced) == reshade.TURNS * 2
+    a, b = traced[0], other[0]
+    assert a.names == NEW.names and b.names == STARTER.names
+    # but for mixed pixels, where another material may have the majority
+    assert np.mean(a.temperature_k == b.temperature_k) > 0.8
+    assert np.mean(a.sky_view == b.sky_view) > 0.8
+    assert (a.radiance != b.radiance).any()
+
+
+def test_each_turn_has_other_materials_and_a_seed_says_which(traced, cache):
+    again, other = (ReshadedSet(cache, "train", 2, STARTER, seed) for seed in (0, 1))
+    first = again[0]
+    repeated = ReshadedSet(cache, "train", 2, STARTER)[0]
+    np.testing.assert_array_equal(first.radiance, repeated.radiance)
+    for record in (again[2], other[0]):
+        assert np.mean(record.temperature_k == first.temperature_k) > 0.8
+        assert (record.radiance != first.radiance).any()
+    names = TracedScene.load(traced.path(0)).materials
+    assert len(np.unique(first.material[first.material != first.names.index(SKY)])) > 1 < len(names)
+
+
+def test_tracing_takes_up_where_it_stopped(tmp_path):
+    scenes, told = ReshadedSet(tmp_path, "test", 2, NEW), []
+
+    def stop(done, total):
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        scenes.make(stop)
+    kept = scenes.path(0).stat().st_mtime_ns
+    scenes.make(lambda *a: told.append(a))
+    assert told == [(1, 2), (2, 2)] and scenes.path(0).stat().st_mtime_ns == kept
+
+
+def test_a_library_without_sky_gets_one(traced, cache):
+    bare = NEW.subset([n for n in NEW.names if n != SKY])
+    own = MaterialLibrary(bare.names, np.linspace(7, 15, 30), bare.at(np.linspace(7.5, 14.5, 30)))
+    full = with_sky(own)
+    assert full.names == (*bare.names, SKY) and with_sky(NEW) is NEW
+    w = np.linspace(8, 14, 77)
+    np.testing.assert_allclose(full.at(w)[:-1], own.at(w), atol=1e-12)
+    np.testing.assert_allclose(full.at(w)[-1], STARTER.at(w)[STARTER.sky_index], atol=1e-12)
+    record = ReshadedSet(cache, "train", 2, own)[0]
+    assert record.names == full.names
+    far = MaterialLibrary(["a"], [3.0, 5.0], [[0.9, 0.9]])
+    with pytest.raises(InputError, match="not 3-5 um"):
+        with_sky(far)
+
+
+def test_a_library_of_part_of_the_bands(traced, cache):
+    w = np.linspace(9, 12, 40)
+    part = MaterialLibrary(NEW.names, w, NEW.at(w))
+    record = ReshadedSet(cache, "train", 2, part)[1]
+    assert record.wavelength_um[[0, -1]] == pytest.approx([9.05, 11.95], abs=0.05)
+    for seed in range(6):  # any bands that a draw may choose
+        sample = draw(record, np.random.default_rng(seed))
+        centre = sample.known.nodes_um
+        assert centre.min() > 8.9 and centre.max() < 12.1
+        assert len(centre) <= len(record.wavelength_um)
+    few = MaterialLibrary(NEW.names, [9.0, 9.3], NEW.at([9.0, 9.3]))
+    with pytest.raises(InputError, match="covers 9-9.3 um"):
+        ReshadedSet(cache, "train", 2, few)
+    with pytest.raises(InputError, match="no material but the sky"):
+        ReshadedSet(cache, "train", 2, NEW.subset([SKY]))
+
+
+# --- fine-tuning -------------------------------------------------------------------------
+
+
+def test_fine_tuning_lowers_the_loss_on_the_new_library(cache, traced, monkeypatch):
+    monkeypatch.setattr(module, "LEARNING_RATE", 5e-3)  # three steps should show
+    start, told = network(), []
+    before = weights(start)
+    better, history = finetune(
+        start, NEW, cache, scenes=2, epochs=3, progress=lambda *a: told.append(a)
+    )
+    assert same(weights(start), before) and not same(weights(better), before)
+    assert history["after"]["supervised"] < history["before"]["supervised"]
+    assert told[-1] == (3 * DRAWS, 3 * DRAWS, "training") and told[0][2] == "scenes"
+    assert history["materials"] == list(NEW.names) and history["terms"] == "both"
+    assert json.loads(json.dumps(history)) == history
+
+
+def test_same_seed_same_weights_and_a_stopped_run_goes_on_to_them(tmp_path, cache, traced):
+    def run(folder, seed=0, stop_at=None):
+        def progress(done, total, what):
+            if what == "training" and done == stop_at:
+                raise KeyboardInterrupt
+
+        (tmp_path / folder).mkdir(exist_ok=True)
+        for made in traced.folder.parent.iterdir():
+            if made.name != "runs" and not (tmp_path / folder / made.name).exists():
+                (tmp_path / folder / made.name).symlink_to(made)
+        return finetune(
+            network(), NEW, tmp_path / folder, scenes=2, epochs=2, seed=seed, progress=progress
+        )
+
+    whole, history = run("whole")
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        run("stopped", stop_at=DRAWS + 2)
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert list((tmp_path / "stopped" / "runs").glob("*/last.ckpt"))
+    resumed, again = run("stopped")
+    assert same(weights(whole), weights(resumed))
+    assert again["after"] == history["after"] and again["before"] == history["before"]
+    other, _ = run("other", seed=1)
+    assert not same(weights(whole), weights(other))
+
+
+def test_training_goes_on_to_the_same_weights_and_metrics(tmp_path, traced):
+    draws, held_out = Draws(traced, 0), Draws(ReshadedSet(*_of(traced), 2, NEW, 5), 7)
+
+    def run(folder, epochs):
+        # the schedule is of two epochs, however soon a run stops
+        part = Training(network(), 2)
+        metrics = fit(part, draws, [held_out[0]], folder, epochs=epochs, per_epoch=DRAWS)
+        return weights(part.network), metrics
+
+    whole, metrics = run(tmp_path / "whole", 2)
+    assert {"loss", "accuracy", "supervised"} <= set(metrics)
+    first, _ = run(tmp_path / "part", 1)
+    second, again = run(tmp_path / "part", 2)
+    assert not same(whole, first) and same(whole, second) and metrics == again
+    # a finished run is not run again
+    third, again = run(tmp_path / "part", 2)
+    assert same(whole, third) and metrics == again
+
+
+def _of(scenes):
+    return scenes.folder.parent, scenes.split
+
+
+def test_cubes_without_truth_lower_their_eq1_loss(cache, cube, monkeypatch):
+    monkeypatch.setattr(module, "PHYSICS_LEARNING_RATE", 5e-3)
+    better, history = finetune(network(), NEW, cache, epochs=3, cubes=[cube])
+    assert history["terms"] == "physics" and set(history["before"]) == {"eq1"}
+    assert history["after"]["eq1"] < history["before"]["eq1"]
+
+
+def test_crops_are_small_and_know_the_whole_cube(cube):
+    tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
+    both = Crops([tall, cube], NEW, 0, 96)
+    assert len(both) == 2
+    shapes = {tuple(both[i][0].radiance.shape) for i in range(4)}
+    assert shapes == {(20, 96, 24), (20, 24, 24)}
+    sample, _ = both[2]
+    again, _ = Crops([tall, cube], NEW, 0, 96)[2]
+    assert torch.equal(sample.radiance, again.radiance) and sample.material is None
+    assert any(torch.equal(sample.known.environment, k.environment) for k in both.cubes[0][1])
+    narrow = MaterialLibrary(NEW.names, [9.0, 12.0], NEW.at([9.0, 12.0]))
+    with pytest.raises(InputError, match="its curves cover 9-12 um"):
+        Crops([cube], narrow, 0, 96)
+
+
+# --- the command line --------------------------------------------------------------------
+
+
+@pytest.fixture
+def files(tmp_path, cube):
+    NEW.subset(["sand", "ice", "steel"]).save(tmp_path / "library.json")
+    save_network(network(), tmp_path / "model.safetensors", {"made": "up"})
+    write_cube(cube, tmp_path / "cube.npz")
+    return tmp_path
+
+
+def command(files, cache, *more, out="out.safetensors"):
+    return [
+        "finetune", "--library", files / "library.json", "--model", files / "model.safetensors",
+        "--out", files / out, "--cache", cache, "--epochs", "1", *more,
+    ]  # fmt: skip
+
+
+def run(capfd, words):
+    code = main([str(w) for w in words])
+    return code, *capfd.readouterr()
+
+
+def test_the_command_fine_tunes_on_scenes(capfd, files, cache, traced):
+    code, out, err = run(capfd, command(files, cache, "--scenes", "2", "--json"))
+    assert code == 0 and "has no sky; the starter library's was used" in out
+    assert "Lightning" not in err and "GPU" not in err and "Trainer" not in err
+    result = json.loads(out.splitlines()[-1])
+    assert result["command"] == "finetune" and result["before"]["accuracy"] <= 1
+    net, history = load_network(files / "out.safetensors")
+    assert history["from"] == {"made": "up"} and history["sky"] == "the starter library's"
+
+
+def test_the_command_fine_tunes_on_cubes(capfd, files, cache):
+    code, out, _ = run(capfd, command(files, cache, "--cubes", files / "cube.npz"))
+    assert code == 0 and "Eq. 1 loss" in out and (files / "out.safetensors").exists()
+
+
+def test_the_defaults_are_those_of_the_modules():
+    train = _parser().parse_args(["train", "--out", "x"])
+    assert (train.scenes, train.epochs) == (train_module.SCENES, train_module.EPOCHS)
+    tune = _parser().parse_args(["finetune", "--out", "x", "--library", "y"])
+    assert (tune.scenes, tune.epochs) == (module.SCENES, module.EPOCHS)
+
+
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (["--library", "none.json"], "library: cannot read none.json"),
+        (["--model", "none.safetensors"], "model: cannot read none.safetensors: there is no"),
+        (["--cubes", "none.npz"], "cube: there is no file none.npz"),
+        (["--out", "no/folder.safetensors"], "there is no folder no"),
+        (["--epochs", "0"], "need a whole number 1-10000"),
+        (["--scenes", "many"], "need a whole number 1-100000"),
+        (["--cache", __file__], "cannot make the folder"),
+    ],
+)
+def test_wrong_input_is_one_sentence(capfd, files, cache, change, sentence):
+    code, out, err = run(capfd, command(files, cache, *change))
+    assert code == 2 and out == "" and not (files / "out.safetensors").exists()
+    assert err.startswith("texnet: error: ") and err.count("\n") == 1 and sentence in err
+
+
+@pytest.mark.parametrize("name", ["train", "finetune"])
+def test_without_the_extra_the_command_says_how_to_get_it(capfd, files, cache, monkeypatch, name):
+    for loaded in [n for n in sys.modules if n.split(".")[0] == "training"]:
+        monkeypatch.delitem(sys.modules, loaded)
+    monkeypatch.setitem(sys.modules, "pytorch_lightning", None)
+    words = {"train": ["train", "--out", files / "out"], "finetune": command(files, cache)}
+    code, out, err = run(capfd, words[name])
+    assert code == 2 and err.count("\n") == 1 and "pip install 'texnet[train]'" in err
+
+
+STOPPED = """
+import sys, training.finetune as f, training.train as t
+from training.reshade import ReshadedSet
+from training.scenes import Settings
+from texnet.cli import main
+if __name__ == "__main__":
+    f.PER_EPOCH, f.HELD_OUT, t.WORKERS = 4, 1, 1
+    ReshadedSet.__init__.__defaults__ = (0, Settings(size=24, spp=8))
+    real = t.Report.on_train_batch_end
+    def told(self, trainer, *a):
+        real(self, trainer, *a)
+        print("draw", trainer.current_epoch, flush=True)
+    t.Report.on_train_batch_end = told
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_ctrl_c_ends_with_130_and_one_sentence(files, cache, traced):
+    words = [str(w) for w in command(files, cache, "--scenes", "2", "--epochs", "500")]
+    (files / "stopped.py").write_text(STOPPED)
+    process = subprocess.Popen(
+        [sys.executable, files / "stopped.py", *words], cwd=ROOT, start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while process.stdout.readline() not in ("draw 1\n", ""):
+        pass
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err == "texnet: stopped; the same command goes on from the last epoch.\n"
+    assert not (files / "out.safetensors").exists()

@@ -1,0 +1,254 @@
+"""TeXModel: evidence, network, refinement and texture together, on cubes of Eq. 1.
+
+The network is untrained: what it adds to the evidence is small, or random where said. Cubes
+are of the k-object model; they test that the parts fit, never accuracy.
+"""
+
+import numpy as np
+import pytest
+import torch
+from test_evidence import World, dense, sky_pixels
+from test_network import network, predict
+from test_refinement import cost
+from traced import one_thread  # noqa: F401
+
+from physics import Environment, HeatCube, MaterialLibrary
+from physics.planck import radiance
+from physics.refinement import GUESS_PRECISION
+from texnet.model import TeXModel
+
+SHAPE = (12, 15)
+
+
+def blocks_of(materials, shape=SHAPE):
+    y, x = np.indices(shape)
+    return np.array(materials)[(y // 4 * 5 + x // 3).ravel() % len(materials)]
+
+
+def world_of(seed=0, shape=SHAPE, **more):
+    """Regions of materials well apart, in a library with the sky second."""
+    more = {"depth": (0.3, 0.6), "material": blocks_of([0, 2, 3, 4, 5], shape), **more}
+    return World(seed=seed, shape=shape, **more)
+
+
+def under_a_sky(world, rows=3):
+    """The same cube with a clear sky in its first rows; and which pixels are sky."""
+    s, n = world.spectra.copy(), rows * world.shape[1]
+    s[:n] = sky_pixels(world, n, np.random.default_rng(9))
+    sky = np.zeros(world.shape, bool)
+    sky[:rows] = True
+    return world.cube_of(s), sky
+
+
+def answer(known, cube, net=None, steps=3):
+    model = TeXModel(network() if net is None else net, steps)
+    return model(known, torch.from_numpy(cube.radiance.copy()))
+
+
+def assert_sound(tex, materials, k, bands, shape):
+    assert tex.material_probability.shape == (materials, *shape)
+    assert tex.thermal_lighting.shape == (k, *shape) and tex.texture.shape == (bands, *shape)
+    for name, x in zip(tex._fields, tex, strict=True):
+        assert torch.isfinite(x).all(), name
+        assert x.shape[-2:] == shape, name
+    torch.testing.assert_close(
+        tex.material_probability.sum(0), torch.ones(shape), atol=1e-5, rtol=0
+    )
+    assert (tex.material_probability >= 0).all() and (tex.thermal_lighting >= 0).all()
+    total = tex.thermal_lighting.sum(0)  # nothing lights a clear sky
+    torch.testing.assert_close(total, (total > 0.5).float(), atol=1e-5, rtol=0)
+    assert (tex.temperature_sigma_k > 0).all() and (tex.residual >= 0).all()
+    assert tex.unknown.dtype == torch.bool and tex.material.dtype == torch.int64
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+def test_ground_is_lit_by_the_objects_and_sky_by_nothing(steps):
+    world = world_of()
+    cube, sky = under_a_sky(world)
+    tex = answer(world.known(), cube, steps=steps)
+    assert_sound(tex, 6, 3, world.bands, SHAPE)
+    assert (tex.material.numpy()[sky] == world.library.sky_index).all()
+    assert (tex.material.numpy().ravel() == world.material)[~sky.ravel()].mean() > 0.95
+    lit = tex.thermal_lighting.sum(0).numpy()
+    np.testing.assert_allclose(lit[~sky], 1, atol=1e-5)
+    clear = lit < 0.5
+    assert clear[sky].mean() > 0.9 and not clear[~sky].any()
+    assert (tex.texture.numpy()[:, clear] == 0).all()
+    assert (tex.sky_texture.numpy()[clear] == 0).all()
+    # the air is as warm as its opaque bands look, 285 K
+    assert np.abs(tex.temperature_k.numpy()[clear] - 285).max() < 10
+
+
+@pytest.mark.parametrize("rich", [False, True])
+@pytest.mark.parametrize("k", [2, 4])
+def test_the_answer_renders_the_cube(k, rich):
+    """On cubes of Eq. 1 the residual is the noise, and T within sigma as often as it should."""
+    ground = np.setdiff1d(np.arange(6), [1] if rich else [])
+    world = world_of(k=k, rich=rich, sky=rich, seed=k, shape=(20, 24), bands=40,
+                     material=blocks_of(ground, (20, 24)))  # fmt: skip
+    tex = answer(world.known(), world.cube, network(strength=1.0))
+    right = (tex.material.numpy().ravel() == world.material) & ~tex.unknown.numpy().ravel()
+    assert right.mean() > 0.95
+    chi2 = (tex.residual.numpy().ravel() ** 2)[right]
+    n = len(chi2)
+    # 40 bands less T and V's k - 1, at most; deviations take some more
+    free = k + (4 if rich else 0)
+    assert 1 - free / 40 - 5 * np.sqrt(2 / 40 / n) < chi2.mean() < 1 + 5 * np.sqrt(2 / 40 / n)
+    t, sigma = tex.temperature_k.numpy().ravel(), tex.temperature_sigma_k.numpy().ravel()
+    z = (t - world.temperature) / sigma
+    # sigma may be more than the error, where V's prior helps, and is never less
+    within = (np.abs(z[right]) < 1).mean()
+    assert within > 0.683 - 4 * np.sqrt(0.22 / n)
+    # Eq. 1 itself, in another hand, from the maps alone
+    v = tex.thermal_lighting.numpy().reshape(k, -1).T.astype(float)
+    x = tex.texture.numpy().reshape(40, -1).T.astype(float)
+    s, flat = world.render(tex.material.numpy().ravel(), t.astype(float), v)
+    if not rich:  # nor partly sky
+        np.testing.assert_allclose(x, flat, rtol=1e-5)
+        ours = (((s - world.spectra) / world.sigma) ** 2).mean(axis=1) ** 0.5
+        np.testing.assert_allclose(tex.residual.numpy().ravel(), ours, rtol=2e-3)
+
+
+def test_texture_holds_the_deviation_of_the_surroundings():
+    """A foil under surroundings that deviate by 1.5 of their sigma: X has it, V S has not."""
+    w = np.array([7.0, 15.0])
+    foil = MaterialLibrary(["foil", "paint", "sky"], w, [[0.3, 0.35], [0.9, 0.95], [0.2, 0.2]])
+    n = SHAPE[0] * SHAPE[1]
+    world = world_of(library=foil, material=blocks_of([0, 0]), netd=0.02, k=1)
+    c = 1.5 * np.sign(world.rng.normal(size=(n, 1)))
+    off = c * world.environment.spread[:1]
+    s, x = world.render(world.material, world.temperature, world.lighting, off)
+    s = s + world.sigma * world.rng.normal(size=s.shape)
+    tex = answer(world.known(), world.cube_of(s), network(strength=1.0))
+    assert (tex.material == 0).float().mean() > 0.95
+    ours = tex.texture.numpy().reshape(world.bands, -1).T
+    flat = tex.thermal_lighting.numpy().reshape(1, -1).T @ world.environment.radiance
+    rms = lambda a: np.sqrt((a**2).mean())  # noqa: E731
+    assert rms(ours - x) < 0.5 * rms(flat - x)
+
+
+def test_refinement_lowers_the_cost_of_what_the_network_proposes():
+    """Eq. 6 by bands, priors included, at the network's T and V and at the refined ones."""
+    world = world_of(seed=3, k=4, sky=False, material=blocks_of(range(6)))
+    known, net = world.known(), network(3)
+    guess = predict(net, known, world.cube).log_lighting.exp().flatten(1).T.double().numpy()
+    before, after = (answer(known, world.cube, net, steps) for steps in (0, 3))
+    of = [cost(one, s, g, GUESS_PRECISION) for one, s, g in zip(
+        np.array(dense(known))[after.material.numpy().ravel()], world.scaled(known).numpy(), guess,
+        strict=True)]  # fmt: skip
+
+    def costs(tex):
+        t = (tex.temperature_k.double() - known.prior_k[0].double()) / known.prior_k[1].double()
+        v = tex.thermal_lighting.double().flatten(1).T.numpy()
+        return np.array([f(np.r_[x, y]) for f, x, y in zip(of, t.flatten(), v, strict=True)])
+
+    start, end = costs(before), costs(after)
+    assert (end < start + 0.01).all() and np.median(end) < 0.5 * np.median(start)
+    # chi^2 / 2 of 30 bands and priors of some nats
+    assert np.median(end) < 25
+    error = [np.abs(a.temperature_k.numpy().ravel() - world.temperature) for a in (before, after)]
+    assert np.median(error[1]) < 0.5 * np.median(error[0])
+
+
+def test_permuting_library_and_environment_permutes_the_answer():
+    world = world_of(seed=4, k=4)
+    cube, _ = under_a_sky(world)
+    known, net = world.known(), network(4)
+    m, j = [3, 0, 5, 1, 4, 2], [2, 0, 3, 1]
+    other = known._replace(
+        emissivity=known.emissivity[m], is_sky=known.is_sky[m],
+        environment=known.environment[j], sky_object=known.sky_object[j],
+    )  # fmt: skip
+    a, b = answer(known, cube, net), answer(other, cube, net)
+    # where rounding may turn the choice between two materials all may change
+    firm = (a.material_probability.amax(0) > 0.6) & (a.material == torch.tensor(m)[b.material])
+    assert firm.float().mean() > 0.95
+    at = firm.numpy()
+    np.testing.assert_allclose(
+        a.material_probability[m].numpy()[:, at], b.material_probability.numpy()[:, at], atol=0.02
+    )
+    sigma = a.temperature_sigma_k.numpy()[at]
+    assert ((a.temperature_k - b.temperature_k).abs().numpy()[at] < 0.05 * sigma + 1e-3).all()
+    np.testing.assert_allclose(
+        a.thermal_lighting[j].numpy()[:, at], b.thermal_lighting.numpy()[:, at], atol=0.02
+    )
+    np.testing.assert_allclose(a.texture.numpy()[:, at], b.texture.numpy()[:, at], rtol=5e-3)
+    np.testing.assert_array_equal(a.unknown.numpy()[at], b.unknown.numpy()[at])
+
+
+# --- hard inputs ---------------------------------------------------------------------------------
+
+
+def test_one_object_of_600_k():
+    """It is answered, and does not spoil the others."""
+    world = world_of(seed=5)
+    s = world.spectra.copy()
+    s[40] = world.render(np.array([2]), np.array([600.0]), np.full((1, 3), 1 / 3))[0][0]
+    cube = world.cube_of(s)
+    known = world.known(cube)
+    tex = answer(known, cube, network(strength=1.0))
+    assert_sound(tex, 6, 3, world.bands, SHAPE)
+    others = np.arange(len(s)) != 40
+    assert (tex.material.numpy().ravel() == world.material)[others].mean() > 0.9
+    error = np.abs(tex.temperature_k.numpy().ravel() - world.temperature)[others]
+    assert np.median(error) < 0.5
+    assert 500 < tex.temperature_k.numpy().ravel()[40] < 700 or tex.unknown.numpy().ravel()[40]
+
+
+def test_an_isothermal_enclosure_shows_one_temperature_and_no_texture():
+    """Everything at 290 K: S = X = B(290 K) whatever the material. T is that, X is that."""
+    world = world_of(rich=False, sky=False, material=blocks_of([0, 1, 2, 3, 4, 5]))
+    w = world.wavelength
+    inside = Environment(radiance(w, np.array([[289.9], [290.0], [290.1]])), w)
+    clean = np.tile(radiance(world.nodes, 290.0).mean(axis=-1), (len(world.material), 1))
+    s = clean + world.sigma * np.random.default_rng(0).normal(size=clean.shape)
+    cube = world.cube_of(s)
+    tex = answer(world.known(cube, environment=inside), cube)
+    assert_sound(tex, 6, 3, world.bands, SHAPE)
+    error = np.abs(tex.temperature_k.numpy() - 290)
+    assert (error < 4 * tex.temperature_sigma_k.numpy() + 0.02).all() and error.max() < 1
+    # X is between the enclosure's coldest and warmest
+    np.testing.assert_allclose(
+        tex.texture.reshape(len(w), -1).T,
+        clean,
+        atol=0.11 * (radiance(8.0, 291.0) - radiance(8.0, 290.0)) + 0.02,
+    )
+    assert (tex.residual < 1.6).all()
+
+
+def test_nothing_is_called_sky_where_none_is_in_view():
+    """Not a cold pixel, nor a hot one, nor one that nothing in the library explains."""
+    world = world_of(seed=6, netd=0.01)
+    blind = Environment(world.environment.radiance, world.wavelength)
+    s = world.spectra.copy()
+    s[:30] = sky_pixels(world, 30, np.random.default_rng(1))
+    s[30:60] *= 0.6
+    s[60] *= 8
+    s[61:70] *= world.rng.uniform(0.5, 1.5, (9, world.bands))
+    cube = world.cube_of(s)
+    for strength in (1.0, 10.0):
+        tex = answer(world.known(cube, environment=blind), cube, network(strength=strength))
+        assert_sound(tex, 6, 3, world.bands, SHAPE)
+        assert (tex.material != world.library.sky_index).all()
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize(
+    "case",
+    ["constant", "one pixel", "two materials", "few bands", "no sky", "coarse"],
+)
+def test_hard_inputs_are_answered_in_numbers(case, steps):
+    shape = (1, 1) if case == "one pixel" else (4, 5)
+    more = {
+        "two materials": dict(materials=2, sky=False), "few bands": dict(bands=4, k=8),
+        "no sky": dict(sky=False), "coarse": dict(netd=3.0),
+    }.get(case, {})  # fmt: skip
+    world = World(shape=shape, seed=8, **more)
+    cube = world.cube
+    if case == "constant":
+        cube = HeatCube(np.full((30, 4, 5), 7.0), world.wavelength, world.width, 0.05)
+    tex = answer(world.known(cube), cube, steps=steps)
+    assert_sound(tex, len(world.library), world.k, world.bands, shape)
+    if case == "few bands" and steps:  # 4 numbers cannot tell T and 8 factors: sigma says so
+        error = np.abs(tex.temperature_k.numpy().ravel() - world.temperature)
+        assert (error < 3 * tex.temperature_sigma_k.numpy().ravel() + 0.1).mean() > 0.8

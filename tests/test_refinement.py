@@ -1,0 +1,292 @@
+"""Gauss-Newton steps on Eq. 1 against a slow minimiser in all bands, the exact solver, and limits.
+
+Spectra are of the k-object model (`World`): they test the solver, never accuracy.
+"""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from test_evidence import World, dense
+from traced import one_thread  # noqa: F401
+
+import physics.reduced as reduced
+from physics import MaterialLibrary
+from physics.evidence import TERMS, evidence, hypotheses
+from physics.local import solve_given, solve_local
+from physics.planck import radiance, radiance_derivative
+from physics.reduced import reduce_model
+from physics.refinement import Refined, blocks, deviations, refine
+
+
+class Start:
+    """All that refinement takes: hypotheses, y and a guess of V; flat where none is given."""
+
+    def __init__(self, world, row=None, guess=None, precision=1.0, spectra=None):
+        self.world, self.known = world, world.known()
+        self.h, self.precision = hypotheses(self.known), precision
+        self.s = world.scaled(self.known, spectra)
+        self.log_evidence, self.y = evidence(self.h, self.s)
+        n = world.k + TERMS
+        row = torch.as_tensor(world.material if row is None else row).reshape(len(self.s), -1)
+        self.row = row
+        self.blocks = blocks(self.h, world.k, precision)
+        self.y_row = self.y[:, :, -n:].gather(1, row[..., None].expand(-1, -1, n))
+        guess = np.full((len(self.s), world.k), 1 / world.k) if guess is None else guess
+        self.guess = torch.as_tensor(guess).float()
+
+    def refine(self, steps=12, t=0.0):
+        t = torch.zeros(len(self.s)) + torch.as_tensor(t, dtype=torch.float32)
+        r = refine(self.blocks, self.y_row, self.row, t, self.guess, steps, self.precision)
+        return Refined(*(a.double().numpy() for a in r))
+
+    def total(self, r):
+        """(P, C) -log p(s | h) + E, less what of it depends on h alone: the docstring's cost."""
+        gauss = self.h.offset[self.row] - self.log_evidence.gather(1, self.row)
+        return (gauss - self.blocks.determinant[self.row]).numpy() + r.energy
+
+
+def cost(one, s, guess, precision):
+    """Eq. 6 of one pixel and one hypothesis (`Dense`) by bands: a function of (t, V)."""
+    root = np.linalg.cholesky(np.linalg.inv(one.C_d)).T
+
+    def of(x):
+        r = root @ (s - one.spectrum(x[0], x[1:]))
+        return 0.5 * (r @ r + x[0] ** 2 + 3 * one.k * precision * ((x[1:] - guess) ** 2).sum())
+
+    return of
+
+
+def slow_minimum(of, k, *starts):
+    one = {"type": "eq", "fun": lambda x: x[1:].sum() - 1}
+    found = [
+        minimize(of, x, method="SLSQP", bounds=[(-6, 6)] + [(0, 1)] * k, constraints=one,
+                 options={"maxiter": 300, "ftol": 1e-12})
+        for x in starts
+    ]  # fmt: skip
+    return min(found, key=lambda a: a.fun)
+
+
+def slack(one, least, t):
+    """What B's series lacks at t changes a cost of chi^2 / 2 by up to chi times that; the rest
+    is for float32, in which y of 1e3 is known to 1e-4."""
+    lacks = np.sqrt((one.series_error(t) ** 2).sum())
+    return lacks * np.sqrt(2 * least) + 0.5 * lacks**2 + 2e-4 * np.sqrt(2 * least) + 1e-3
+
+
+@pytest.mark.parametrize(("k", "precision"), [(1, 1.0), (2, 4.0), (4, 1.0), (6, 4.0)])
+@pytest.mark.parametrize("rich", [False, True])
+def test_energy_is_the_constrained_cost_and_its_minimum(k, precision, rich):
+    world = World(k=k, rich=rich, seed=k, shape=(2, 5))
+    m, sky = world.material, world.library.sky_index
+    rows = np.stack([m, m + 6, np.full(10, sky + 6), (m + 1) % 6], axis=1)  # right, and wrong
+    guess = world.rng.dirichlet(np.ones(k), 10)
+    start = Start(world, rows, guess, precision)
+    r = start.refine()
+    total, every = start.total(r), dense(start.known)
+    for i, (p, c) in enumerate(np.ndindex(rows.shape)):
+        x, one = np.r_[r.t[p, c], r.lighting[p, c]], every[rows[p, c]]
+        of = cost(one, start.s[p].numpy(), start.guess[p].double().numpy(), precision)
+        # E is that cost at (T, V) ...
+        assert total[p, c] == pytest.approx(of(x), abs=slack(one, of(x), x[0]))
+        if i % 2 == c % 2:
+            continue
+        # ... which is as low as anywhere on the simplex
+        slow = slow_minimum(of, k, np.r_[0, np.full(k, 1 / k)], x)
+        assert total[p, c] > slow.fun - slack(one, of(x), x[0])
+    for p in range(10):  # for the right material
+        x, one = np.r_[r.t[p, 0], r.lighting[p, 0]], every[m[p]]
+        of = cost(one, start.s[p].numpy(), start.guess[p].double().numpy(), precision)
+        slow = slow_minimum(of, k, np.r_[0, np.full(k, 1 / k)], x)
+        assert total[p, 0] < slow.fun + slack(one, slow.fun, slow.x[0])
+        assert x[0] == pytest.approx(slow.x[0], abs=0.05 * r.sigma[p, 0])
+
+
+@pytest.mark.parametrize("k", [1, 2, 5])
+def test_agrees_with_the_exact_solver(monkeypatch, k):
+    """T, sigma and V against `solve_given`, which shares nothing of the algebra but the model.
+
+    Nothing but where B is linearised along alpha: at T_0 there, here at the mean over T's prior,
+    1.2 K above, which changes a rim's sigma by a tenth. Set right, they agree on rims too.
+    """
+    world = World(k=k, seed=k)
+    mean = dense(world.known())[0].black
+    monkeypatch.setattr(
+        reduced, "radiance", lambda w, t: mean if isinstance(t, float) else radiance(w, t)
+    )
+    model = reduce_model(world.cube, world.library, world.environment)
+    zero = np.zeros(len(world.material))
+    for share in (0.0, 0.25):
+        theirs_row = np.array([
+            np.flatnonzero((model.material == m) & (model.sky_share == share))[0]
+            for m in world.material
+        ])  # fmt: skip
+        s = share * world.environment.sky_mean + (1 - share) * world.spectra
+        _, t, v, sigma = solve_given(model, s, theirs_row, zero + model.prior_mean_k, zero, zero)
+        start = Start(world, world.material + 6 * (share > 0), spectra=s)
+        r, prior = start.refine(), start.known.prior_k.tolist()
+        assert prior == pytest.approx([model.prior_mean_k, model.prior_sigma_k])
+        ours_t, ours_sigma = prior[0] + prior[1] * r.t[:, 0], prior[1] * r.sigma[:, 0]
+        # the two series of B are exact to 0.005 and 0.002 of one band's noise, and sigma is
+        # that of 30 bands: up to sqrt(30) 0.007 sigma if all err together
+        assert (np.abs(ours_t - t) < 0.04 * sigma).all()
+        np.testing.assert_allclose(r.lighting[:, 0], v, atol=0.01)
+        inside = (v > 1e-3).all(axis=1)
+        np.testing.assert_allclose(ours_sigma[inside], sigma[inside], rtol=0.01)
+        assert inside.sum() > 3
+        if k > 1:  # at a bound less is free, so more is known
+            assert (~inside).any()
+            np.testing.assert_allclose(ours_sigma, sigma, rtol=0.05)
+
+
+def test_material_by_the_exact_solver_is_that_of_least_refined_energy():
+    """Evidence and E together rank materials as -energy of `local` does."""
+    world = World(seed=5, shape=(8, 10), depth=(0.05, 0.15))
+    local = solve_local(
+        reduce_model(world.cube, world.library, world.environment), world.cube.spectra
+    )
+    rows = np.tile(np.arange(12), (80, 1))
+    start = Start(world, rows, spectra=world.cube.spectra)
+    score = start.log_evidence - torch.from_numpy(start.refine().energy)
+    best = torch.logsumexp(score.reshape(80, 2, 6), 1).argmax(1).numpy()
+    gap = np.sort(local.energy, axis=1)
+    clear = gap[:, 1] - gap[:, 0] > 2  # nats
+    assert clear.mean() > 0.5
+    assert (best == local.energy.argmin(axis=1))[clear].mean() > 0.95
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**31), k=st.integers(1, 8), far=st.floats(0, 5),
+       precision=st.sampled_from([0.5, 1.0, 4.0]))  # fmt: skip
+def test_more_steps_never_cost_more_and_lighting_stays_on_the_simplex(seed, k, far, precision):
+    world = World(k=k, seed=seed % 1000, shape=(3, 4), netd=0.02 if seed % 2 else 0.2)
+    rng = np.random.default_rng(seed)
+    rows = rng.permuted(np.tile(np.arange(12), (12, 1)), axis=1)[:, :4]
+    wild = world.spectra * rng.uniform(0.9, 1.1, world.spectra.shape)
+    start = Start(world, rows, rng.dirichlet(np.ones(k), 12), precision, wild)
+    before, t = None, far * rng.normal(size=12)
+    for steps in range(1, 7):
+        r = start.refine(steps, t)
+        v = r.lighting
+        assert (v >= 0).all() and np.isfinite(r.t).all() and (r.sigma > 0).all()
+        np.testing.assert_allclose(v.sum(axis=-1), 1, atol=1e-5)  # float32
+        # never less is known than a priori; at t = 6 this 1 is a difference of 2.7e5, in float32
+        assert (r.sigma < 1.02).all()
+        assert before is None or (r.energy <= before).all()
+        before = r.energy
+
+
+@pytest.mark.parametrize("off", [-6.0, 0.0, 6.0])
+def test_three_steps_are_enough_from_a_few_kelvin_away(off):
+    world = World(k=4, seed=2, shape=(10, 10))
+    s = Start(world)
+    start = (world.temperature + off - s.known.prior_k[0].item()) / s.known.prior_k[1].item()
+    few, many = s.refine(3, start), s.refine(40)
+    assert (np.abs(few.t - many.t) < 0.02 * many.sigma).all()
+    assert (few.energy - many.energy).max() < 1e-3  # a fiftieth of sigma costs 2e-4 nats
+
+
+def black(n):
+    w = np.array([7.0, 15.0])
+    library = MaterialLibrary(["black", "mirror"], w, [[1.0, 1.0], [0.02, 0.02]])
+    return World(library=library, sky=False, material=np.zeros(n, int), shape=(1, n), k=3)
+
+
+def test_a_black_body_has_the_temperature_of_its_own_light():
+    """e = 1: T by weighted least squares over the bands and the prior, sigma from B' alone."""
+    world = black(300)
+    start = Start(world, spectra=world.clean)
+    r, (mean, prior) = start.refine(), start.known.prior_k.tolist()
+    t = mean + prior * r.t[:, 0]
+    slope = radiance_derivative(world.nodes, world.temperature[:, None, None]).mean(-1)
+    exact = ((slope / world.sigma) ** 2).sum(axis=1) ** -0.5
+    # 1e-4 of the way to the prior's mean, 30 K away, and 0.002 noise units in each band
+    assert np.abs(t - world.temperature).max() < 2e-3
+    np.testing.assert_allclose(prior * r.sigma[:, 0], exact, rtol=2e-3)
+    np.testing.assert_allclose(r.lighting, 1 / 3, atol=1e-4)  # nothing is known of V
+    noisy = Start(world)
+    z = (mean + prior * noisy.refine().t[:, 0] - world.temperature) / exact
+    assert abs(z.mean()) < 5 / np.sqrt(300) and abs(z.std() - 1) < 5 / np.sqrt(600)
+
+
+def test_errors_are_as_large_as_sigma_says():
+    """Unbounded pixels of the right material: T's z-scores are standard normal."""
+    n = 900
+    world = World(rich=False, shape=(30, 30), lighting=np.full((n, 3), 1 / 3), netd=0.02, seed=6)
+    start = Start(world)
+    r, prior = start.refine(), start.known.prior_k.tolist()
+    inside = (r.lighting[:, 0] > 0.02).all(axis=1)
+    t, sigma = prior[0] + prior[1] * r.t[:, 0], prior[1] * r.sigma[:, 0]
+    z = ((t - world.temperature) / sigma)[inside]
+    assert inside.mean() > 0.9
+    assert abs(z.mean()) < 5 / np.sqrt(len(z)) and abs(z.std() - 1) < 5 / np.sqrt(2 * len(z))
+
+
+@pytest.mark.parametrize("k", [2, 3])
+def test_one_hot_lighting_is_found_where_contrast_is_strong(k):
+    """One object alone shines on a good reflector: V is that corner of the simplex."""
+    n, w = 60, np.array([7.0, 15.0])
+    foil = MaterialLibrary(["foil", "paint"], w, [[0.3, 0.4], [0.9, 0.95]])
+    corner = np.arange(n) % k
+    world = World(library=foil, sky=False, rich=False, k=k, shape=(6, 10), netd=0.01,
+                  material=np.zeros(n, int), lighting=np.eye(k)[corner])  # fmt: skip
+    v = Start(world).refine().lighting[:, 0]
+    assert (v.argmax(axis=1) == corner).all()
+    assert v.max(axis=1).min() > 0.9
+
+
+def test_a_guess_matters_only_where_the_pixel_does_not_know_better():
+    """A black pixel takes over the guess, a mirror the data; a precise guess binds more."""
+    world = black(40)
+    guess = np.tile([0.7, 0.2, 0.1], (40, 1))
+    r = Start(world, guess=guess, precision=4.0).refine()
+    np.testing.assert_allclose(r.lighting[:, 0], guess, atol=1e-3)
+    mirror = World(library=world.library, sky=False, rich=False, material=np.ones(40, int),
+                   shape=(1, 40), k=3, netd=0.02)  # fmt: skip
+    v = [Start(mirror, guess=guess, precision=p).refine().lighting[:, 0]
+         for p in (0.5, 4.0, 1e6)]  # fmt: skip
+    far = [np.abs(a - guess).mean() for a in v]
+    assert far[0] >= far[1] > 1.5 * far[2]
+    assert np.abs(v[1] @ mirror.environment.radiance - mirror.texture).mean() < 0.05
+
+
+def test_permuting_the_environment_permutes_lighting_alone():
+    world = World(k=4, seed=8)
+    start, order = Start(world), [2, 0, 3, 1]
+    known = start.known._replace(environment=start.known.environment[order])
+    turned = Start(world)
+    turned.h = hypotheses(known)
+    turned.y_row = evidence(turned.h, start.s)[1][:, :, -(4 + TERMS) :].gather(
+        1, start.row[..., None].expand(-1, -1, 4 + TERMS)
+    )
+    turned.blocks = blocks(turned.h, 4, 1.0)
+    a, b = start.refine(), turned.refine()
+    np.testing.assert_allclose(a.lighting[..., order], b.lighting, atol=2e-3)
+    np.testing.assert_allclose(a.t, b.t, atol=0.02 * a.sigma.min())
+    np.testing.assert_allclose(a.energy, b.energy, atol=0.01)
+
+
+def test_deviations_of_the_surroundings_are_found_where_they_show():
+    """Known deviations on a mirror, noiseless, come back as their posterior mean does."""
+    library = MaterialLibrary(["foil", "paint"], np.array([7.0, 15.0]), [[0.2] * 2, [0.9, 0.95]])
+    world = World(library=library, sky=False, material=np.zeros(48, int), netd=0.01)
+    z = world.rng.normal(size=(48, 2))
+    s, _ = world.render(
+        world.material, world.temperature, world.lighting, z @ world.environment.spread
+    )
+    start = Start(world, spectra=s)
+    t = (torch.as_tensor(world.temperature).float() - start.known.prior_k[0]) / start.known.prior_k[
+        1
+    ]
+    y = start.y.gather(1, start.row[..., None].expand(-1, -1, start.y.shape[2]))[:, 0].float()
+    found = deviations(start.blocks, y, start.row[:, 0], t, torch.as_tensor(world.lighting).float())
+    one = dense(start.known)[0]
+    f = one.F[: one.d] / np.sqrt(one.D)
+    rest = start.s.numpy() - np.array(
+        [one.spectrum(float(a), v) for a, v in zip(t, world.lighting, strict=True)]
+    )
+    exact = np.linalg.solve(np.eye(one.d) + f @ f.T, f @ (rest / np.sqrt(one.D)).T).T
+    np.testing.assert_allclose(found, exact, atol=5e-3)
+    assert np.abs(found[:, :2].numpy() - z).max() < 0.3  # error_k is 30 times this noise

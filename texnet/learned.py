@@ -1,0 +1,49 @@
+"""The model in torch, tile by tile, as `pipeline` calls it: the twin of export's runtime."""
+
+from functools import cache
+from importlib.resources import as_file, files
+
+import numpy as np
+import torch
+
+from physics.evidence import Known
+from physics.refinement import STEPS
+from physics.tiles import run_tiled
+
+from .model import TeX, TeXModel
+from .weights import load_network
+
+WEIGHTS = "texnet.safetensors"  # in texnet/data
+TILE_BYTES = 1e9  # what a tile's evidence may take
+
+
+def torch_model(network=None, steps=STEPS):
+    """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
+
+    network   a TeXNet; the shipped one if None.  steps   of refinement, as in TeXModel
+    radiance  (bands, height, width);  known   dict of arrays as from `inputs.known_arrays`
+    """
+    network = network or shipped_network()
+    model = TeXModel(network, steps)
+
+    def run(radiance, known, progress=None):
+        tensors = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+        rows = 2 * len(known["is_sky"])
+        columns = 16 + len(known["environment"])  # of `evidence`, about
+
+        def tile(part):
+            answer = model(tensors, torch.from_numpy(np.array(part)))  # the cube is read-only
+            maps = {name: a.numpy() for name, a in zip(TeX._fields, answer, strict=True)}
+            return maps | {"material": maps["material"].astype("int16")}
+
+        pixels = TILE_BYTES / (8 * rows * columns)
+        return run_tiled(tile, radiance, network.halo, pixels, progress)
+
+    return run
+
+
+@cache
+def shipped_network():
+    """The TeXNet whose weights come with the package."""
+    with as_file(files("texnet") / "data" / WEIGHTS) as path:
+        return load_network(path)[0]

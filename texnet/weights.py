@@ -1,0 +1,34 @@
+"""Weights on disk: safetensors, with the network's settings and history as JSON beside them."""
+
+import json
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from physics.errors import InputError
+from physics.whole_file import whole_file
+
+from .network import TeXNet
+
+
+def save_network(network, path, history):
+    """Write a TeXNet; history is a dict of plain values that says how it came about."""
+    about = {"config": json.dumps(network.config), "history": json.dumps(history)}
+    with whole_file(path) as part:
+        save_file({n: p.contiguous() for n, p in network.state_dict().items()}, part, about)
+
+
+def load_network(path):
+    """(TeXNet, history) from a file; InputError if it holds none."""
+    try:
+        with safe_open(path, "pt") as file:
+            about = file.metadata() or {}
+            network = TeXNet(**json.loads(about["config"]))
+            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+            history = json.loads(about["history"])
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as e:
+        reason = "it is not a safetensors file that texnet wrote"
+        if isinstance(e, OSError):  # safetensors leaves strerror out
+            reason = e.strerror or "there is no such file, or it may not be read"
+        raise InputError(f"model: cannot read {path}: {reason}.") from e
+    return network.eval(), history

@@ -1,0 +1,99 @@
+"""Fine-tuning: a trained network gets used to a library or an instrument that it never saw.
+
+With scenes   the training scenes' light paths are shaded again with the new curves (`reshade`)
+              and trained on as in `train`, for a few epochs at a lower learning rate.
+With cubes    the physics loss alone is trained on somebody's own cubes, of which no truth is
+              known (`crops`).
+
+Zero-shot is neither: the network takes any library as it is.
+"""
+
+import copy
+import hashlib
+import json
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from .crops import Crops
+from .reshade import ReshadedSet, with_sky
+from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
+
+LEARNING_RATE = 5e-4  # a quarter of training's
+PHYSICS_LEARNING_RATE = 1e-4  # Eq. 1 alone says little of materials: keep near what is known
+PER_EPOCH = 160  # draws
+SCENES, EPOCHS = 48, 5  # 6 % of the scenes and 8 % of the draws of `train`
+HELD_OUT = 8  # validation scenes, or crops of the cubes, measured before and after
+
+
+def finetune(
+    network, library, cache, *, scenes=SCENES, epochs=EPOCHS, cubes=(), seed=0, progress=None
+):
+    """Adapt a TeXNet to a library -> (another TeXNet, history).
+
+    network   TeXNet to start from; it is left as it is
+    library   MaterialLibrary; one without sky gets the starter library's for training
+    cache     folder for light paths and checkpoints; what is there is used, so a stopped run
+              goes on from its last epoch to the same result
+    scenes    to shade again and train on, if there are no cubes
+    epochs    of 160 draws each
+    cubes     HeatCubes; if any, the physics loss on them is all that is trained on
+    seed      same seed, same weights
+    progress  called as progress(done, total, what) after each scene and each draw
+
+    history is a dict of plain values: settings, minutes, what the training set was, and under
+    "before" and "after" the metrics on held-out scenes (or the Eq. 1 loss on the cubes).
+    Raises InputError where library and cubes or 8-14 um do not fit together.
+    """
+    network = copy.deepcopy(network).train()
+    start = time.perf_counter()
+    if cubes:
+        terms, rate = "physics", PHYSICS_LEARNING_RATE
+        seeds = seed, VALIDATION_SEED
+        draws, held_out = (Crops(cubes, with_sky(library), s, SIDE) for s in seeds)
+        data = [_digest(c.radiance, c.wavelength_um, c.fwhm_um) for c in cubes]
+    else:
+        terms, rate = "both", LEARNING_RATE
+        sets = [
+            ReshadedSet(cache, split, count, library, seed)
+            for split, count in (("train", scenes), ("validation", HELD_OUT))
+        ]
+        for s in sets:
+            s.make(progress=lambda n, of: progress and progress(n, of, "scenes"))
+        draws, held_out = Draws(sets[0], seed, SIDE), Draws(sets[1], VALIDATION_SEED)
+        data = [sets[0].folder.name, scenes]
+    seconds = time.perf_counter() - start
+
+    settings = dict(
+        terms=terms, data=data, library=_digest(library.wavelength_um, library.emissivity),
+        materials=library.names, network=_digest(*network.state_dict().values()), epochs=epochs,
+        per_epoch=PER_EPOCH, learning_rate=rate, seed=seed,
+    )  # fmt: skip
+    module = Training(network, epochs * PER_EPOCH // TOGETHER, terms, rate)
+    before = _measure(module, held_out)
+    fit(
+        module, draws, None, Path(cache) / "runs" / run_name(settings), epochs=epochs,
+        per_epoch=PER_EPOCH, progress=progress,
+    )  # fmt: skip
+    history = json.loads(json.dumps(settings)) | {
+        "version": version("texnet"), "torch": torch.__version__,
+        "sky": "the library's" if library.sky_index is not None else "the starter library's",
+        "before": before, "after": _measure(module, held_out),
+        "minutes": {"scenes": round(seconds / 60, 2), "training": round(module.seconds / 60, 2)},
+    }  # fmt: skip
+    return network.eval(), history
+
+
+def _measure(module, draws):
+    """Means of the module's measures over HELD_OUT draws, as floats."""
+    with torch.no_grad():
+        rows = [module.measures(*draws[i]) for i in range(HELD_OUT)]
+    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+
+
+def _digest(*arrays):
+    """What tells arrays of numbers apart, as a string."""
+    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()

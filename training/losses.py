@@ -1,0 +1,54 @@
+"""What training minimises: supervised T, m and V, and Eq. 1 itself.
+
+    supervised   -log p(m), and Huber's loss of T, of V's sky in parts of SKY_VIEW_UNIT, and
+                 of the texture that V makes: objects of equal spectra are worth the same V
+    physics      log(1 + |S - S~|^2 / sigma^2) of Eq. 1 with e = sum_m p_m e_m, where the
+                 network does not believe in sky. Needs no truth.
+
+Texture counts in kelvin: its radiance error divided by dB/dT at 300 K.
+"""
+
+import torch
+from torch.nn import functional
+
+from physics.eq1 import physics_loss
+from physics.planck import noise_sigma
+
+PHYSICS_WEIGHT = 0.05
+TEXTURE_WEIGHT = 0.2
+TEMPERATURE_WEIGHT = 0.5
+SKY_VIEW_WEIGHT, SKY_VIEW_UNIT = 0.2, 0.1
+
+
+def supervised_loss(prediction, sample):
+    """Scalar loss against the truth of a Sample."""
+    ground, wavelength = sample.ground, sample.known.nodes_um.mean(1)
+    loss = functional.nll_loss(prediction.log_material[None], sample.material[None])
+    if not ground.any():
+        return loss
+    t_error = (prediction.temperature_k - sample.temperature_k)[ground]
+    v = prediction.log_lighting.exp()[:, ground]
+    per_kelvin = noise_sigma(wavelength, 1.0)
+    x_error = (v.T @ sample.known.environment - sample.texture[:, ground].T) / per_kelvin
+    sky_error = (v.T @ sample.known.sky_object - sample.sky_view[ground]) / SKY_VIEW_UNIT
+    sky_error = sky_error * sample.known.sky_object.amax()  # no object, nothing to say
+    return (
+        loss
+        + SKY_VIEW_WEIGHT * functional.huber_loss(sky_error, torch.zeros_like(sky_error))
+        + TEMPERATURE_WEIGHT * functional.huber_loss(t_error, torch.zeros_like(t_error))
+        + TEXTURE_WEIGHT * functional.huber_loss(x_error, torch.zeros_like(x_error))
+    )
+
+
+def eq1_loss(prediction, known, radiance):
+    """Scalar physics loss of a prediction for radiance (bands, height, width)."""
+    wavelength = known.nodes_um.mean(1)
+    p = prediction.log_material.exp()
+    emissivity = known.emissivity.mean(-1)
+    netd_k = (known.sigma / noise_sigma(wavelength, 1.0)).mean()
+    misfit = physics_loss(
+        radiance.movedim(0, -1), prediction.temperature_k, p.movedim(0, -1) @ emissivity,
+        prediction.log_lighting.exp().movedim(0, -1), known.environment, wavelength, netd_k,
+    )  # fmt: skip
+    ground = 1 - (p * known.is_sky[:, None, None]).sum(0).detach()
+    return (ground * torch.log1p(misfit)).sum() / ground.sum().clamp(min=1.0)

@@ -1,0 +1,245 @@
+"""Training: random scenes in, weights out. Lightning keeps the books.
+
+Draw i of a run comes from a generator seeded by (seed, i), so the same command gives the same
+weights, and a run that was stopped goes on from its last epoch to the same result. A step's
+batch is one scene, because libraries and bands differ in size; gradients of a few are averaged.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import signal
+import time
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytorch_lightning as lightning
+import torch
+from pytorch_lightning.callbacks import Callback, ModelCheckpoint
+from pytorch_lightning.loggers import CSVLogger
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+from texnet.network import TeXNet, stem
+from texnet.weights import save_network
+
+from .losses import PHYSICS_WEIGHT, eq1_loss, supervised_loss
+from .samples import draw
+from .scenes import SceneSet
+
+LEARNING_RATE = 2e-3
+WARM_UP = 0.1  # of the steps, before the learning rate falls
+SIDE = 64  # pixels; more of one scene teaches less than more scenes
+TOGETHER = 4  # scenes whose gradients are averaged
+PER_EPOCH = 320  # draws between two checkpoints
+SCENES, VALIDATION_SCENES, EPOCHS = 800, 40, 30
+VALIDATE_EVERY = 5  # epochs
+VALIDATION_SEED = 7
+WORKERS = os.cpu_count()  # processes that make draws
+
+
+def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, progress=None):
+    """Make scenes, train a network on them and write it to `out` (safetensors) -> its history.
+
+    cache     folder for scenes and checkpoints; what is there is used, so a stopped run goes on
+    scenes    to train on; 40 others validate
+    epochs    of 320 draws each
+    progress  called as progress(done, total, what) after each scene and each draw
+    """
+    sets = [SceneSet(cache, "train", scenes), SceneSet(cache, "validation", VALIDATION_SCENES)]
+    start = time.perf_counter()
+    for s in sets:
+        s.make(progress=lambda n, of: progress and progress(n, of, "scenes"))
+    seconds = time.perf_counter() - start
+    lightning.seed_everything(seed, verbose=False)
+    settings = dict(scenes=scenes, data=sets[0].folder.name, epochs=epochs, seed=seed)
+    module = Training(TeXNet(), epochs * PER_EPOCH // TOGETHER)
+    metrics = fit(
+        module, Draws(sets[0], seed, SIDE), Draws(sets[1], VALIDATION_SEED),
+        Path(cache) / "runs" / run_name(settings), epochs=epochs, progress=progress,
+    )  # fmt: skip
+    history = settings | {
+        "version": version("texnet"), "torch": torch.__version__, "validation": metrics,
+        "minutes": {"scenes": round(seconds / 60, 1), "training": round(module.seconds / 60, 1)},
+    }  # fmt: skip
+    save_network(module.network, out, history)
+    return history
+
+
+def run_name(settings):
+    """A folder name for a run: the same settings (plain values) and code, the same name."""
+    import texnet.network
+
+    code = Path(texnet.network.__file__).read_text() + json.dumps(settings)
+    return hashlib.sha256(code.encode()).hexdigest()[:16]
+
+
+class Draws(Dataset):
+    """Draw number i of a set of scenes: each scene once in every turn, in a new order.
+
+    side   pixels of a random square of the scene that the draw shows; all of it if None
+    """
+
+    def __init__(self, scenes, seed, side=None):
+        self.scenes, self.seed, self.side = scenes, seed, side
+
+    def __len__(self):
+        return len(self.scenes)
+
+    def __getitem__(self, i):
+        turn, at = divmod(i, len(self.scenes))
+        order = np.random.default_rng([self.seed, turn]).permutation(len(self.scenes))
+        rng = np.random.default_rng([self.seed, 1, i])
+        sample = draw(self.scenes[int(order[at])], rng, self.side)
+        with torch.no_grad():
+            s, _ = stem(sample.known, sample.radiance)
+        return sample, s._replace(y=torch.zeros(0))  # only refinement needs y
+
+
+class Epoch(Sampler):
+    """The draws of one epoch; Lightning says which."""
+
+    def __init__(self, length):
+        self.length, self.epoch = length, 0
+
+    def set_epoch(self, epoch):
+        self.epoch = epoch
+
+    def __iter__(self):
+        return iter(range(self.epoch * self.length, (self.epoch + 1) * self.length))
+
+    def __len__(self):
+        return self.length
+
+
+class Training(lightning.LightningModule):
+    """A network with its losses: steps of the optimiser in all; terms "both", "supervised" or
+    "physics" of `losses`; seconds spent in epochs so far, metrics of the last one."""
+
+    def __init__(self, network, steps, terms="both", learning_rate=LEARNING_RATE):
+        super().__init__()
+        self.network, self.steps, self.terms = network, steps, terms
+        self.learning_rate, self.seconds, self.metrics = learning_rate, 0.0, {}
+
+    def on_train_epoch_start(self):
+        self._start = time.perf_counter()
+
+    def on_train_epoch_end(self):
+        self.seconds += time.perf_counter() - self._start
+
+    def on_save_checkpoint(self, checkpoint):
+        self.metrics = {n: float(v) for n, v in self.trainer.callback_metrics.items()}
+        checkpoint.update(seconds=self.seconds, metrics=self.metrics)
+
+    def on_load_checkpoint(self, checkpoint):
+        self.seconds, self.metrics = checkpoint["seconds"], checkpoint["metrics"]
+
+    def training_step(self, batch, _):
+        sample, s = batch
+        prediction = self.network(sample.known, s, sample.radiance.shape[1:])
+        loss = 0.0
+        if self.terms != "physics":
+            loss = supervised_loss(prediction, sample)
+        if self.terms != "supervised":
+            loss = loss + PHYSICS_WEIGHT * eq1_loss(prediction, sample.known, sample.radiance)
+        self.log("loss", loss.detach(), on_step=False, on_epoch=True, batch_size=1)
+        return loss
+
+    def validation_step(self, batch, _):
+        self.log_dict(self.measures(*batch), batch_size=1)
+
+    def measures(self, sample, s):
+        """How good the network is on a Sample and its Stem: a dict of scalars."""
+        prediction = self.network(sample.known, s, sample.radiance.shape[1:])
+        if self.terms == "physics":
+            return {"eq1": eq1_loss(prediction, sample.known, sample.radiance)}
+        right = (prediction.log_material.argmax(0) == sample.material).float().mean()
+        entropy = torch.nn.functional.nll_loss(prediction.log_material[None], sample.material[None])
+        error = (prediction.temperature_k - sample.temperature_k)[sample.ground]
+        rmse = (error**2).mean().sqrt() if len(error) else torch.tensor(0.0)
+        return {"accuracy": right, "cross_entropy": entropy, "temperature_rmse_k": rmse,
+                "supervised": supervised_loss(prediction, sample)}
+
+    def configure_optimizers(self):
+        optimiser = torch.optim.AdamW(self.parameters(), self.learning_rate, weight_decay=1e-3)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, self.learning_rate, total_steps=self.steps, pct_start=WARM_UP
+        )
+        return [optimiser], [{"scheduler": schedule, "interval": "step"}]
+
+
+class Report(Callback):
+    """Calls progress(done, total, "training") after each draw."""
+
+    def __init__(self, progress):
+        self.progress = progress
+
+    def on_train_batch_end(self, trainer, module, outputs, batch, i):
+        per_epoch = trainer.num_training_batches
+        done = trainer.current_epoch * per_epoch + i + 1
+        self.progress(done, trainer.max_epochs * per_epoch, "training")
+
+
+class Loader(DataLoader):
+    """A DataLoader of single draws whose workers are deaf to Ctrl-C, which ends the whole."""
+
+    def __init__(self, data, order):
+        several = dict(multiprocessing_context="spawn", persistent_workers=True) if WORKERS else {}
+        super().__init__(data, batch_size=None, sampler=order, num_workers=WORKERS, **several)
+
+    def __iter__(self):
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it
+        try:
+            return super().__iter__()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def fit(module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, progress=None):
+    """Train a Training module on Draws, from folder/last.ckpt if it is there -> metrics.
+
+    validation  Draws of which all are measured every VALIDATE_EVERY epochs, or None
+    progress    called as progress(done, total, "training") after each draw
+
+    The metrics are those of the last epoch, as floats. After Ctrl-C (KeyboardInterrupt) the
+    same call goes on from the last epoch.
+    """
+    quiet()
+    last, order = Path(folder) / "last.ckpt", Epoch(per_epoch)
+    if last.exists():  # Lightning begins to draw before it tells the first epoch
+        order.set_epoch(torch.load(last, weights_only=True)["epoch"] + 1)
+    trainer = lightning.Trainer(
+        max_epochs=epochs, accumulate_grad_batches=TOGETHER, gradient_clip_val=1.0,
+        default_root_dir=folder, logger=CSVLogger(folder, name="", version=""),
+        # The one best by no measure is the last; save_last alone saves nothing (2.6).
+        callbacks=[
+            ModelCheckpoint(folder, "last", save_top_k=1, enable_version_counter=False,
+                            save_on_train_epoch_end=True),
+            *([Report(progress)] if progress else []),
+        ],
+        check_val_every_n_epoch=min(VALIDATE_EVERY, epochs),
+        enable_model_summary=False, enable_progress_bar=False, num_sanity_val_steps=0,
+        deterministic=True,
+    )  # fmt: skip
+    listening = signal.getsignal(signal.SIGINT)
+    try:
+        trainer.fit(
+            module, Loader(draws, order),
+            None if validation is None else Loader(validation, range(len(validation))),
+            ckpt_path=last if last.exists() else None, weights_only=True,
+        )  # fmt: skip
+    except SystemExit as e:
+        if not isinstance(e.__context__, KeyboardInterrupt):
+            raise
+        # Lightning makes an exit of Ctrl-C, and ignores any further one
+        signal.signal(signal.SIGINT, listening)
+        raise KeyboardInterrupt from None
+    return module.metrics
+
+
+def quiet():
+    """Lightning's advice on hardware and products stays off the terminal."""
+    logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", module="pytorch_lightning|lightning_fabric")
