@@ -94,8 +94,7 @@ class TeXModel(nn.Module):
         material = _material(chosen, materials)
         is_sky = known.is_sky[material] > 0
         # what stands before the sky, where that may be anything
-        share = _rows(h.share, row)
-        solid = score - 1e6 * (share > 0.999)
+        solid = score - 1e6 * known.is_sky[_material(row, materials)]
         of_solid, at = solid.max(1, keepdim=True)
         sky_gap = score.amax(1, keepdim=True) - of_solid
         empty = is_sky & (sky_gap[:, 0] > RIM_NATS)
