@@ -3,6 +3,8 @@
 Pixels here come from the k-object model itself; they test the solver, never accuracy.
 """
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,8 @@ def pixels():
 @pytest.fixture(scope="session")
 def make_pixels():
     return Pixels
+
+
+def hear_ctrl_c():
+    """For preexec_fn: a test run in the background, deaf to Ctrl-C, would hand that down."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

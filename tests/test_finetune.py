@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from conftest import hear_ctrl_c
 from traced import one_thread  # noqa: F401
 
 import training.crops as crops
@@ -339,7 +340,7 @@ def test_ctrl_c_ends_with_130_and_one_sentence(files, cache, traced):
     process = subprocess.Popen(
         [sys.executable, files / "stopped.py", *words], cwd=ROOT, start_new_session=True,
         env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
+        stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c,
     )  # fmt: skip
     while process.stdout.readline() not in ("draw 1\n", ""):
         pass

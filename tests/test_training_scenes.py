@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import hear_ctrl_c
 
 from physics import InputError, MaterialLibrary
 from physics.library import SKY
@@ -157,7 +158,7 @@ s.make(workers=2, progress=lambda done, total: print(done, flush=True))
 def test_an_interrupted_run_ends_whole_and_can_be_taken_up(made, tmp_path, with_signal):
     run = subprocess.Popen(
         [sys.executable, "-c", RUN, str(tmp_path), "500"], cwd=ROOT, start_new_session=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_ctrl_c,
     )  # fmt: skip
     while run.stdout.readline() not in ("2\n", ""):
         pass
