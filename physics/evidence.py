@@ -22,7 +22,7 @@ and so is what a simplex, or B's true nonlinearity, cost beyond it: any coeffici
 the rows of F) are worse than the best ones by |y - L' z|^2 / 2. The deviations come first,
 so the last k + n components of y alone decide on V and T: `refinement` works with them.
 
-This is what `local` computes exactly and 50 times more slowly; it ranks materials almost as
+This is what `local` computes exactly and five times more slowly; it ranks materials almost as
 well (88 % right instead of 89 %), and a network can start from it. Plain torch operations
 of static shape in everything but sizes: the whole of it goes into an ONNX file.
 """
