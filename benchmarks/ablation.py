@@ -9,12 +9,12 @@ ablation.png; what is done is kept, so a stopped run goes on.
 """
 
 import argparse
-import csv
 import json
 from pathlib import Path
 
 import pytorch_lightning as lightning
 
+from benchmarks.rows import write_csv
 from texnet.network import DILATIONS, TeXNet
 from training import train
 from training.scenes import SceneSet
@@ -77,10 +77,7 @@ def main():
             kept.write_text(json.dumps(measure(name, sets, args.cache, args.epochs)))
         rows.append(json.loads(kept.read_text()))
         print(json.dumps(rows[-1]), flush=True)
-    with open(args.out / "ablation.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(args.out / "ablation.csv", rows)
     _draw(rows, args.out / "ablation.png")
 
 

@@ -10,12 +10,12 @@ row per scene, bands and method, and prints the means. Everything runs on two th
 """
 
 import argparse
-import csv
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import write_csv
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
@@ -80,10 +80,7 @@ def main():
                 rows.append(row | measure(cube, truth, method))
                 shown = "  ".join(f"{rows[-1][n]:8.3f}" for n in SHOWN)
                 print(f"{name:16} {bands:4d} {method:8} {shown}", flush=True)
-        with open(args.out / "accuracy.csv", "w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
+        write_csv(args.out / "accuracy.csv", rows)
     print("\n".join(table(rows)))
 
 

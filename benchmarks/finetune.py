@@ -18,7 +18,6 @@ training are those spent, shading included, on a machine that may be busy: draws
 """
 
 import argparse
-import csv
 import json
 import sys
 import tempfile
@@ -31,6 +30,7 @@ import numpy as np
 import pytorch_lightning as lightning
 import torch
 
+from benchmarks.rows import write_csv
 from physics import starter
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -201,10 +201,7 @@ def table(out):
     """Write finetune.csv of all parts that are done, and return it as text."""
     done = [out / f"{p}.json" for p in PARTS if (out / f"{p}.json").exists()]
     rows = [row for path in done for row in json.loads(path.read_text(encoding="utf-8"))]
-    with whole_file(out / "finetune.csv") as path, open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(out / "finetune.csv", rows)
     lines = [f"{'part':10s} refined  accuracy  entropy  T rmse K  texture r  draws  minutes"]
     for r in rows:
         minutes = f"{r['minutes_scenes']:.1f} + {r['minutes_training']:.1f}"

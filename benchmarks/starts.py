@@ -15,13 +15,13 @@ each the same and is left out of all but `local`. Writes starts.csv and starts.p
 """
 
 import argparse
-import csv
 import time
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy import NETD_K, K, test_scenes
+from benchmarks.rows import write_csv
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
 from physics.local import solve_local
@@ -100,10 +100,7 @@ def main():
             rows.append(dict(zip(("start", "round", "seconds", "nats"), row, strict=True)))
             rows[-1]["scene"] = name
             print(name, *row, flush=True)
-    with open(args.out / "starts.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(args.out / "starts.csv", rows)
     _draw(rows, args.out / "starts.png")
 
 
@@ -127,8 +124,8 @@ def _draw(rows, path):
                 marker=marker, ms=4, label=start,
             )  # fmt: skip
         axis.set(title=scene, xlabel="seconds")
-    axes[0, 0].set_ylabel("objective over the least reached (nats per pixel)")
-    axes[0, 0].legend()
+    axes[0, 0].set_ylabel("objective above the least\n(nats per pixel)")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     figure.savefig(path, dpi=110)
 
 

@@ -128,12 +128,7 @@ class MaterialLibrary:
                 strict=True,
             )
         ]  # fmt: skip
-        lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows)
-        axis = json.dumps(list(self.wavelength_um))
-        with whole_file(path) as part:
-            part.write_text(
-                f'{{"wavelength_um": {axis},\n"materials": [\n{lines}\n]}}\n', encoding="utf-8"
-            )
+        write_library_file(path, list(self.wavelength_um), rows)
 
     @staticmethod
     def load(path):
@@ -170,3 +165,11 @@ class MaterialLibrary:
         """The library that ships with the package; `texnet library rebuild` makes it."""
         path = files("physics") / "data" / "starter_library.json"
         return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)
+
+
+def write_library_file(path, wavelength_um, materials):
+    """Write lists of um and of dicts as a library file, one material a line, or nothing."""
+    lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in materials)
+    text = f'{{"wavelength_um": {json.dumps(wavelength_um)},\n"materials": [\n{lines}\n]}}\n'
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -96,11 +96,11 @@ def refine(b: Blocks, y, row, t, guess, steps=STEPS, precision=GUESS_PRECISION) 
     """
     k = guess.shape[1]
     vv, vt, tt, solve, covariance = (
-        _of(x, row) for x in (b.vv, b.vt, b.tt, b.solve, b.covariance)
+        of_rows(x, row) for x in (b.vv, b.vt, b.tt, b.solve, b.covariance)
     )
     off = guess.double() - 1 / k
-    y_2 = _times(_of(b.from_y, row), y) + _times(_of(b.from_guess, row), off[:, None])
-    known = 0.5 * ((y * y).sum(-1) - (y_2 * y_2).sum(-1)) + _of(b.determinant, row)
+    y_2 = _times(of_rows(b.from_y, row), y) + _times(of_rows(b.from_guess, row), off[:, None])
+    known = 0.5 * ((y * y).sum(-1) - (y_2 * y_2).sum(-1)) + of_rows(b.determinant, row)
     known = known + 0.5 * precision * ((off / lighting_scale(k)) ** 2).sum(-1, keepdim=True)
     known, y_v, y_t = known.float(), y_2[..., :k].float(), y_2[..., k:].float()
 
@@ -145,11 +145,11 @@ def deviations(b: Blocks, y, row, t, lighting):
     """
     d, k = b.dx.shape[1], lighting.shape[1]
     x = torch.cat([lighting - 1 / k, hermite(t)[0]], dim=1)
-    return _times(_of(b.d_solve, row), y[:, :d] - _times(_of(b.dx, row), x))
+    return _times(of_rows(b.d_solve, row), y[:, :d] - _times(of_rows(b.dx, row), x))
 
 
 def _bounded(step, v, covariance, lean, variance):
-    """Condition the Gaussian of (step, V) on V >= 0, the most negative V_j first."""
+    """Condition the Gaussian of (step, V) on V >= 0, the V_j most sigmas below first."""
     cov_t = variance[..., None] * lean  # of V with t
     cov = covariance + cov_t[..., None] * lean[..., None, :]
     eye = torch.eye(v.shape[-1])
@@ -177,5 +177,6 @@ def _times(a, x):
     return (a * x[..., None, :]).sum(-1)
 
 
-def _of(x, row):
+def of_rows(x, row):
+    """x (R, ...) of the hypotheses row (...) -> (*row, ...)."""
     return x.index_select(0, row.reshape(-1)).reshape(*row.shape, *x.shape[1:])

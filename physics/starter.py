@@ -23,7 +23,6 @@ refractiveindex.info, and all of them cover 7.5-14.5 um. The table that the pack
 `data/starter_library.json`.
 """
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +30,8 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError
-from .library import SKY
+from .library import SKY, write_library_file
 from .sky import Atmosphere, zenith_optical_depth
-from .whole_file import whole_file
 
 WAVELENGTH_UM = np.round(np.arange(7.5, 14.501, 0.05), 2)
 TABLE = Path(__file__).parent / "data" / "starter_library.json"
@@ -283,10 +281,7 @@ def build():
 def write(path=TABLE):
     """Build the library and write it, one material a line; whole or not at all."""
     data = build()
-    rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in data["materials"])
-    text = f'{{"wavelength_um": {json.dumps(data["wavelength_um"])},\n"materials": [\n{rows}\n]}}\n'
-    with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_library_file(path, data["wavelength_um"], data["materials"])
 
 
 def emissivity(recipe, wavelength_um=WAVELENGTH_UM):

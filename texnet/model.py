@@ -19,7 +19,7 @@ from torch import nn
 
 from physics.evidence import TERMS, Known
 from physics.planck import radiance as planck
-from physics.refinement import STEPS, Refined, blocks, deviations, refine
+from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, refine
 
 from .network import TeXNet, stem
 
@@ -131,7 +131,7 @@ def _unrefined(b, row, t, lighting):
     sigma = (b.tt_solve[:, 0] ** 2).sum(1).sqrt()
     shape = row.shape
     return Refined(
-        t[:, None].expand(shape), _rows(sigma, row),
+        t[:, None].expand(shape), of_rows(sigma, row),
         lighting[:, None].expand(*shape, lighting.shape[1]), torch.zeros(shape),
     )  # fmt: skip
 
@@ -139,15 +139,15 @@ def _unrefined(b, row, t, lighting):
 def _texture(known, h, radiance, row, temperature, v, z):
     """X (P, bands), its sky-lit band mean (P,) and the residual (P,) of hypotheses row (P,)."""
     materials, sky = known.is_sky.shape[0], known.is_sky
-    m, share = _material(row, materials), _rows(h.share, row)[:, None]
+    m, share = _material(row, materials), of_rows(h.share, row)[:, None]
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
-    glow = (_rows(e, m) * planck(known.nodes_um, temperature[:, None, None])).mean(-1)
+    glow = (of_rows(e, m) * planck(known.nodes_um, temperature[:, None, None])).mean(-1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
     skylight = z[:, n:d] @ known.skylight_spread
     texture = v @ known.environment + z[:, :n] @ known.spread + skylight
     of_sky = known.sky_mean + z[:, d:-1] @ known.sky_spread
-    rendered = (1 - share) * (glow + (1 - _rows(h.emissivity, m)) * texture) + share * of_sky
-    rendered = rendered + _rows(h.rim, row) * z[:, -1:]
+    rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, m)) * texture) + share * of_sky
+    rendered = rendered + of_rows(h.rim, row) * z[:, -1:]
     misfit = (((radiance.flatten(1).T - rendered) / known.sigma) ** 2).mean(1).sqrt()
     of_sky = v * known.sky_object
     lit = of_sky @ known.environment.mean(1) + of_sky.sum(1) * skylight.mean(1)
@@ -156,10 +156,6 @@ def _texture(known, h, radiance, row, temperature, v, z):
 
 def _material(row, materials):
     return torch.arange(materials).repeat(2)[row]  # row % materials, as ONNX can have it
-
-
-def _rows(x, row):
-    return x.index_select(0, row.reshape(-1)).reshape(*row.shape, *x.shape[1:])
 
 
 def _pick(y, row):

@@ -24,13 +24,10 @@ from physics.semiglobal import Objective, refine
 
 from .inputs import known_arrays
 from .learned import torch_model
+from .model import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
 
 METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
-CHI2_SIGMAS = 6.0  # beyond which nothing in the library fits
-OWN_PROBABILITY = 0.2  # of the answer from the pixel's own evidence, below which it is unknown
-AIR_SIGMA_K = 5.0  # of the air's temperature from the sky's brightness
-RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it
 
 
 @dataclass(frozen=True, eq=False)
