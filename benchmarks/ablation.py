@@ -2,58 +2,103 @@
 
     python -m benchmarks.ablation --out DIR [--cache DIR] [--epochs N]
 
-Every variant is trained alike on the scenes of `texnet train`, for a few epochs (4 of 30), and
-measured on the validation scenes, the network alone: cross entropy, accuracy, T RMSE. Costs are
+All variants see the same draws of the scenes of `texnet train`, in one run and for a few epochs
+(6 of 30), and are measured on the validation scenes, the network alone: cross entropy, accuracy,
+T RMSE, and the standard error of the difference to the shipped form in cross entropy. Costs are
 parameters, and multiply-adds per pixel of the convolutions. Writes ablation.csv and
-ablation.png; what is done is kept, so a stopped run goes on.
+ablation.png; a stopped run goes on from its last epoch.
 """
 
 import argparse
-import json
 from pathlib import Path
 
+import numpy as np
 import pytorch_lightning as lightning
+import torch
 
 from benchmarks.rows import write_csv
-from texnet.network import DILATIONS, TeXNet
+from texnet.network import TeXNet
 from training import train
 from training.scenes import SceneSet
 
+SHIPPED = "as shipped"
 VARIANTS = {
-    "as shipped": {},
+    SHIPPED: {},
+    "other seed": {},
     "width 24": {"width": 24},
+    "width 32": {"width": 32},
     "width 72": {"width": 72},
+    "cells of 1 pixel": {"stride": 1, "dilations": (1, 2, 4, 8, 4)},
+    "cells of 4 x 4": {"stride": 4, "dilations": (1, 2, 1)},
+    "one 3 x 3 layer": {"dilations": (1,)},
     "no messages": {"messages": 0},
-    "one 3 x 3 layer": {"dilations": DILATIONS[:1]},
+    "one round of messages": {"messages": 1},
     "supervised only": {"terms": "supervised"},
     "physics only": {"terms": "physics"},
 }
-EPOCHS, PER_EPOCH, SEED = 4, 320, 0
+EPOCHS, SEED = 6, 0
 
 
-def measure(name, sets, cache, epochs):
-    """Train one variant -> a dict of its costs and validation metrics."""
-    change = dict(VARIANTS[name])
-    terms = change.pop("terms", "both")
-    lightning.seed_everything(SEED, verbose=False)
-    network = TeXNet(**change)
-    module = train.Training(network, epochs * PER_EPOCH // train.TOGETHER, terms)
-    what = dict(variant=name, epochs=epochs, data=sets[0].folder.name)
+class Together(train.Training):
+    """Trainings that see the same draws, each as if it were alone."""
+
+    def __init__(self, trainings, steps):
+        super().__init__(torch.nn.ModuleDict(trainings), steps)
+
+    def loss(self, sample, s):
+        return sum(t.loss(sample, s) for t in self.network.values())
+
+    def configure_gradient_clipping(self, optimizer, gradient_clip_val, **_):
+        for t in self.network.values():
+            torch.nn.utils.clip_grad_norm_(t.parameters(), gradient_clip_val)
+
+
+def compare(cache, epochs):
+    """Train all variants -> a row of costs and validation metrics for each."""
+    sets = [
+        SceneSet(cache, "train", train.SCENES),
+        SceneSet(cache, "validation", train.VALIDATION_SCENES),
+    ]
+    for s in sets:
+        s.make()
+    trainings = {}
+    for i, (name, change) in enumerate(VARIANTS.items()):
+        lightning.seed_everything(SEED + (i == 1), verbose=False)
+        steps, terms = epochs * train.PER_EPOCH // train.TOGETHER, change.get("terms", "both")
+        network = TeXNet(**{n: v for n, v in change.items() if n != "terms"})
+        trainings[name] = train.Training(network, steps, terms)
+    what = dict(variants=VARIANTS, epochs=epochs, data=sets[0].folder.name)
     train.fit(
-        module, train.Draws(sets[0], SEED, train.SIDE), None,
-        cache / "runs" / train.run_name(what), epochs=epochs, per_epoch=PER_EPOCH,
+        Together(trainings, steps), train.Draws(sets[0], SEED, train.SIDE), None,
+        cache / "runs" / train.run_name(what), epochs=epochs,
     )  # fmt: skip
-    module.terms = "both"  # all are measured alike
     draws = train.Draws(sets[1], train.VALIDATION_SEED)
-    metrics = [module.eval().measures(*draws[i]) for i in range(len(sets[1]))]
+    metrics = {name: [] for name in trainings}
+    for i in range(len(sets[1])):
+        sample, s = draws[i]
+        for name, t in trainings.items():
+            t.eval().terms = "both"  # all are measured alike
+            with torch.no_grad():
+                metrics[name].append({n: float(v) for n, v in t.measures(sample, s).items()})
+    return [_row(name, trainings[name].network, m, metrics[SHIPPED]) for name, m in metrics.items()]
+
+
+def _row(name, network, metrics, shipped):
+    entropy = lambda rows: np.array([m["cross_entropy"] for m in rows])  # noqa: E731
+    more = entropy(metrics) - entropy(shipped)
     return {
         "variant": name,
         "parameters": sum(p.numel() for p in network.parameters()),
-        "multiply_adds_per_pixel": sum(
-            p.numel() for n, p in network.named_parameters() if p.ndim == 4
-        ),
-        **{n: sum(float(m[n]) for m in metrics) / len(metrics) for n in metrics[0]},
+        "multiply_adds_per_pixel": _multiply_adds(network),
+        **{n: float(np.mean([m[n] for m in metrics])) for n in metrics[0]},
+        "standard_error": float(more.std(ddof=1) / len(more) ** 0.5),
     }
+
+
+def _multiply_adds(network):
+    """Of the convolutions, per pixel."""
+    size = lambda module: sum(p.numel() for p in module.parameters() if p.ndim == 4)  # noqa: E731
+    return size(network) - size(network.trunk) * (1 - network.config["stride"] ** -2)
 
 
 def main():
@@ -61,22 +106,11 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "texnet")
     parser.add_argument("--epochs", type=int, default=EPOCHS)
-    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    sets = [
-        SceneSet(args.cache, "train", train.SCENES),
-        SceneSet(args.cache, "validation", train.VALIDATION_SCENES),
-    ]
-    for s in sets:
-        s.make()
-    rows = []
-    for name in args.variants:
-        kept = args.out / f"{name}.json"
-        if not kept.exists():
-            kept.write_text(json.dumps(measure(name, sets, args.cache, args.epochs)))
-        rows.append(json.loads(kept.read_text()))
-        print(json.dumps(rows[-1]), flush=True)
+    rows = compare(args.cache, args.epochs)
+    for row in rows:
+        print(row, flush=True)
     write_csv(args.out / "ablation.csv", rows)
     _draw(rows, args.out / "ablation.png")
 
@@ -89,11 +123,9 @@ def _draw(rows, path):
 
     figure, axis = pyplot.subplots(figsize=(6, 4), layout="constrained")
     for r in rows:
-        axis.plot(r["multiply_adds_per_pixel"], r["cross_entropy"], "o")
-        axis.annotate(
-            f" {r['variant']} ({r['parameters'] / 1e3:.0f} k)",
-            (r["multiply_adds_per_pixel"], r["cross_entropy"]), fontsize=8,
-        )  # fmt: skip
+        at = r["multiply_adds_per_pixel"], r["cross_entropy"]
+        axis.errorbar(*at, r["standard_error"], fmt="o", capsize=2)
+        axis.annotate(f" {r['variant']} ({r['parameters'] / 1e3:.0f} k)", at, fontsize=8)
     axis.set(
         xscale="log", xlabel="multiply-adds per pixel", ylabel="validation cross entropy (nats)"
     )

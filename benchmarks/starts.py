@@ -23,13 +23,13 @@ import numpy as np
 from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.rows import write_csv
 from physics.estimate import estimate_environment
+from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine
 from physics.simulator.sensor import equidistant_bands
-from texnet.inputs import known_arrays
 from texnet.learned import torch_model
 
 STARTS = ("network", "local", "constant", "random")
@@ -45,7 +45,7 @@ def curves(cube, library, rng):
     objective = Objective(model, cube.radiance, local)
     known = known_arrays(cube, library, environment)
     clock = time.perf_counter()
-    proposal = torch_model(steps=0)(cube.radiance, known)
+    proposal = torch_model(refined=False)(cube.radiance, known)
     seconds = {"network": time.perf_counter() - clock, "local": local_seconds}
     states = _states(cube, objective, proposal, rng)
     for start in STARTS:

@@ -1,7 +1,7 @@
 """Answers from a texnet ONNX file by numpy and onnxruntime alone, in bounded memory.
 
-What an image takes is dominated by its pixels' inner products with the columns of every
-hypothesis (see `physics.evidence`): tens of kB a pixel, so it is answered tile by tile.
+A pixel takes some 10 kB on the way (see `physics.evidence`), so an image is answered tile by
+tile.
 """
 
 import json
@@ -14,7 +14,7 @@ from physics.errors import InputError
 from physics.tiles import run_tiled
 
 TILE_BYTES = 1e9  # about
-COPIES = 3  # of the inner products, that live at once
+COPIES = 6  # of spectra and beliefs, that live at once
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -25,7 +25,8 @@ class Runtime:
     threads  of the computation; all cores if None
 
     about is the file's metadata, JSON parsed: texnet_version, history, meaning (of inputs and
-    outputs), library (the starter library, as a library file), halo_px, limits.
+    outputs), library (the starter library, as a library file), halo_px, cell_px,
+    limits.
 
     Raises InputError if path cannot be read or is not a texnet ONNX file.
     """
@@ -50,14 +51,14 @@ class Runtime:
         about = self._session.get_modelmeta().custom_metadata_map
         if "texnet_version" not in about:
             raise InputError(f"model: cannot read {path}: {BROKEN}.")
-        as_json = ("history", "meaning", "library", "halo_px", "limits")
+        as_json = ("history", "meaning", "library", "halo_px", "cell_px", "limits")
         self.about = {k: json.loads(v) if k in as_json else v for k, v in about.items()}
 
     def run(self, radiance, known, progress=None):
         """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
 
         radiance  (bands, height, width) W m-2 sr-1 um-1
-        known     dict of arrays as `texnet.inputs.known_arrays` makes it
+        known     dict of arrays as `physics.known.known_arrays` makes it
         progress  called as progress(done, total) after each tile
 
         material is int16, unknown bool, the others float32. Raises InputError where sizes do
@@ -65,11 +66,11 @@ class Runtime:
         """
         feeds = {"radiance": radiance, **known}
         feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
-        pixels = TILE_BYTES / self._bytes_per_pixel(self._sizes(feeds))
+        pixels = TILE_BYTES / _bytes_per_pixel(self._sizes(feeds))
         image = feeds.pop("radiance")
         return run_tiled(
             lambda tile: self._answer(feeds | {"radiance": tile}),
-            image, self.about["halo_px"], pixels, progress,
+            image, self.about["halo_px"], pixels, progress, self.about["cell_px"],
         )  # fmt: skip
 
     def _answer(self, feeds):
@@ -93,21 +94,18 @@ class Runtime:
             if shape != wanted:
                 named = ", ".join(map(str, axes))
                 raise InputError(f"model: {name} must be ({named}) = {wanted}, got {shape}.")
-        limits = self.about["limits"]
-        if sizes["materials"] < limits["materials"]:
-            raise InputError(f"model: it needs {limits['materials']} materials or more.")
-        if self._columns(sizes) > limits["columns"]:
-            raise InputError(
-                f"model: environment objects and spreads together must be at most "
-                f"{limits['columns'] - limits['columns_besides']}."
-            )
+        for size, least in self.about["limits"]["least"].items():
+            if sizes[size] < least:
+                raise InputError(f"model: {size} must be at least {least}, got {sizes[size]}.")
+        for size, most in self.about["limits"]["most"].items():
+            if sizes[size] > most:
+                raise InputError(f"model: {size} must be at most {most}, got {sizes[size]}.")
         if 0 in (sizes[s] for s in ("bands", "nodes", "k", "height", "width")):
             raise InputError("model: an image, its bands and its environment must not be empty.")
         return sizes
 
-    def _columns(self, sizes):
-        of = ("k", "spreads", "skylight_spreads", "sky_spreads")
-        return sum(sizes[s] for s in of) + self.about["limits"]["columns_besides"]
 
-    def _bytes_per_pixel(self, sizes):
-        return COPIES * 8 * 2 * sizes["materials"] * self._columns(sizes)
+def _bytes_per_pixel(sizes):
+    """Of products of components, of x of every hypothesis, of bands and of the network."""
+    x = 2 * sizes["materials"] * (sizes["k"] + 5)
+    return 4 * (sizes["components"] ** 2 + x + COPIES * (sizes["bands"] + sizes["materials"]))

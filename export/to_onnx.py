@@ -17,7 +17,8 @@ from importlib.metadata import version
 import onnx
 import torch
 
-from physics.evidence import MAX_COLUMNS, TERMS, Known
+from physics.evidence import Known
+from physics.known import MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from physics.library import MaterialLibrary
 from physics.whole_file import check_writable, whole_file
 from texnet.model import HYPOTHESES, TeX, TeXModel
@@ -38,6 +39,7 @@ INPUTS = {
     "error": (("bands",), f"{SPECTRUM}, what the environment is wrong by in every band"),
     "sky_mean": (("bands",), f"{SPECTRUM}, mean of the sky's pixels, 0 if none"),
     "prior_k": ((2,), "K, mean and standard deviation of the scene's temperatures"),
+    "basis": (("components", "bands"), "orthonormal directions of noise-scaled spectra to look at"),
     "radiance": (("bands", "height", "width"), SPECTRUM),
 }
 OUTPUTS = {
@@ -57,11 +59,12 @@ METADATA = {
     "meaning": "JSON: name of input or output -> sizes, unit and meaning",
     "library": "JSON: the starter library, as a library file",
     "halo_px": "how far a pixel's answer looks around itself",
-    "limits": "JSON: least materials; most columns, which are `columns_besides` and k and spreads",
+    "cell_px": "a tile must begin at a multiple of it",
+    "limits": "JSON: the least and the most that sizes may be",
 }
 EXAMPLE = dict(
     bands=17, nodes=3, materials=7, k=4, spreads=5, skylight_spreads=2, sky_spreads=6,
-    height=11, width=13,
+    components=10, height=11, width=13,
 )  # fmt: skip
 
 
@@ -108,7 +111,7 @@ def _trace(model):
     of_known = Known(**{name: dynamic[name] for name in Known._fields})
     program = torch.export.export(
         model, (known, radiance), dynamic_shapes=(of_known, dynamic["radiance"]),
-        # what torch cannot prove of the sizes (no k + spreads > 36) it need not check either
+        # what torch cannot prove of the sizes (no k > 13) it need not check either
         prefer_deferred_runtime_asserts_over_guards=True,
     )  # fmt: skip
     return torch.onnx.export(
@@ -169,8 +172,9 @@ def _metadata(network, history):
         ],
     }
     limits = {
-        "materials": -(-HYPOTHESES // 2), "columns": MAX_COLUMNS, "columns_besides": TERMS + 1
-    }  # fmt: skip
+        "least": {"materials": -(-HYPOTHESES // 2)},
+        "most": {"k": MAX_UNKNOWNS - TERMS, "components": MAX_COMPONENTS},
+    }
     meaning = {n: {"sizes": s, "meaning": m} for n, (s, m) in {**INPUTS, **OUTPUTS}.items()}
     values = {
         "texnet_version": version("texnet"),
@@ -178,6 +182,7 @@ def _metadata(network, history):
         "meaning": json.dumps(meaning),
         "library": json.dumps(curves, ensure_ascii=False),
         "halo_px": str(network.halo),
+        "cell_px": str(network.config["stride"]),
         "limits": json.dumps(limits),
     }
     assert values.keys() == METADATA.keys()

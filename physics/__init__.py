@@ -15,6 +15,7 @@ bands        bands of finite width
 reduced      the forward model in r dimensions, and the evidence
 local        Eq. 6 exactly, pixel by pixel
 semiglobal   Eq. 6 with smoothness of T and m
+known        what the network is told of a scene
 evidence     every material's evidence at once, by Gaussian priors
 refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses
 tiles        pictures of any size in tiles

@@ -5,26 +5,29 @@ Hermite polynomials of t = (T - T_0) / tau, whose coefficients are uncorrelated 
 variance when t is a standard normal number. The spectrum of a pixel of hypothesis h (a
 material, pure or partly sky, as in `reduced`) is then Gaussian too. In noise units,
 
-    s ~ N(mu_h, C_h),     C_h = diag(1 + g_h^2 error^2) + F_h' F_h
+    s ~ N(mu_h, C_h),     C_h = 1 + diag(g_h^2 error^2) + F_h' F_h
 
 with, in the rows of F_h, what the pixel is free in, one standard deviation long:
 
     g_h spread, g_h skylight_spread, alpha sky_spread, the sky's share     (deviations)
-    g_h (S_j - mean S) / sqrt(3 k)                                         (lighting)
-    (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature)
+    g_h (S_j - mean S) / sqrt(3 k)                                         (lighting, x_V)
+    (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
 
-g_h = (1 - alpha)(1 - e_m). With I + F D^-1 F' = L L' (D the diagonal part) and
-y = L^-1 F D^-1 (s - mu), the evidence is closed-form (Woodbury),
+g_h = (1 - alpha)(1 - e_m). Of s only z = U s is looked at, the few components (`basis`) in
+which the scene's spectra differ by more than noise. With U C_h U' = L L',
 
-    log p(s | h) = -(|s - mu|^2_D^-1 - |y|^2) / 2 - log det(L) - log det(D) / 2 + log prior,
+    w = L^-1 (z - U mu),         log p(z | h) = -|w|^2 / 2 - log det(L) + log prior,
+    x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
 
-and so is what a simplex, or B's true nonlinearity, cost beyond it: any coefficients z (of
-the rows of F) are worse than the best ones by |y - L' z|^2 / 2. The deviations come first,
-so the last k + n components of y alone decide on V and T: `refinement` works with them.
+are the evidence, and mean and covariance of x = (x_V, x_T) given z: any other x costs
+(x - x^)' S^-1 (x - x^) / 2 nats, from which `refinement` goes on. |w|^2 is a quadratic form, so
+the evidence of all hypotheses is one product of a matrix with the 1, z_i and z_i z_j of a pixel.
+Components are scaled by how far spectra differ in them, which makes z of order one: float32 is
+enough for the pixels, but not for the quadratic form, whose coefficients reach 1e8.
 
-This is what `local` computes exactly and five times more slowly; it ranks materials almost as
-well (88 % right instead of 89 %), and a network can start from it. Plain torch operations
-of static shape in everything but sizes: the whole of it goes into an ONNX file.
+This is what `local` computes exactly and far more slowly; it ranks materials as well, and a
+network can start from it. Plain torch operations of static shape in everything but sizes: the
+whole of it goes into an ONNX file.
 """
 
 from typing import NamedTuple
@@ -32,13 +35,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from .known import MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from .planck import radiance
 from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
 
-TERMS = 5  # of B's series
 QUADRATURE = 16
 BLOCK = 6  # of the factorisation
-MAX_COLUMNS = 36  # of F: 6 + 6 + 6 deviations, the share, 5 terms, 10 environment objects
 
 
 class Known(NamedTuple):
@@ -49,8 +51,10 @@ class Known(NamedTuple):
     environment (k, bands); sky_object (k,) 1 for the objects that stand for the sky;
     spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
     sky_mean (bands,), or zeros where no sky is in view;
-    prior_k (2,) mean and standard deviation of the scene's temperatures in K.
-    All spectra in W m-2 sr-1 um-1. `texnet.inputs` makes one from a cube, a library and an
+    prior_k (2,) mean and standard deviation of the scene's temperatures in K;
+    basis (d, bands) orthogonal directions of noise-scaled spectra, each divided by about the
+    standard deviation that spectra have along it.
+    All other spectra in W m-2 sr-1 um-1. `known` makes one from a cube, a library and an
     environment.
     """
 
@@ -66,28 +70,37 @@ class Known(NamedTuple):
     error: torch.Tensor
     sky_mean: torch.Tensor
     prior_k: torch.Tensor
+    basis: torch.Tensor
 
 
 class Hypotheses(NamedTuple):
     """What of the evidence does not depend on the pixel. R = 2 materials hypotheses (all
-    pure, then all mixed with sky), q rows of F of which the last k + n are V and T.
+    pure, then all mixed with sky), q rows of F of which the last r = k + n are x.
 
     share (R,) alpha; emissivity (materials, bands) band means; rim (R, bands) what one standard
-    deviation of alpha changes, W m-2 sr-1 um-1; mean (R, bands) mu; weight (R, bands) D^-1;
-    project (R, q, bands) L^-1 F D^-1; factor (R, q, q) L'; inverse (R, q, q) its inverse;
-    offset (R,) what is left of the evidence: determinants, prior.
-    float64 but for share, emissivity and rim.
+    deviation of alpha changes, W m-2 sr-1 um-1; centre (bands,) and look (d, bands):
+    z = look (s - centre); square (R, d d), slope (R, d) and offset (R,) of the evidence in z;
+    to_x (R r, d) and x_0 (R, r): x^ in z; precision (R, r, r) S^-1 and half its log_det (R,);
+    to_deviation (R, q - r, d), deviation_0 (R, q - r) and lean (R, q - r, r): the likeliest
+    deviations are to_deviation z + deviation_0 - lean (x - x^). precision and what is for the
+    evidence are float64, all else float32.
     """
 
     share: torch.Tensor
     emissivity: torch.Tensor
     rim: torch.Tensor
-    mean: torch.Tensor
-    weight: torch.Tensor
-    project: torch.Tensor
-    factor: torch.Tensor
-    inverse: torch.Tensor
+    centre: torch.Tensor
+    look: torch.Tensor
+    square: torch.Tensor
+    slope: torch.Tensor
     offset: torch.Tensor
+    to_x: torch.Tensor
+    x_0: torch.Tensor
+    precision: torch.Tensor
+    log_det: torch.Tensor
+    to_deviation: torch.Tensor
+    deviation_0: torch.Tensor
+    lean: torch.Tensor
 
 
 def hypotheses(known: Known) -> Hypotheses:
@@ -126,15 +139,32 @@ def hypotheses(known: Known) -> Hypotheses:
         dim=1,
     )
     mean = glow[:, 0] + over[:, 0] * centre + share[:, None] * known.sky_mean / sigma
-    weight = 1 / (1 + (glass * known.error / sigma) ** 2)
-    weighted = rows * weight[:, None]
-    lower, inverse = cholesky(rows @ weighted.transpose(1, 2))
-    log_det = torch.log(torch.diagonal(lower, dim1=1, dim2=2)).sum(dim=1)
-    offset = prior - log_det + 0.5 * torch.log(weight).sum(dim=1)
+    r, scale = k + TERMS, (known.basis**2).sum(dim=1).sqrt()
+    basis = known.basis / scale[:, None]
+    rows, error = rows @ basis.T, (glass * known.error / sigma) ** 2
+    gram = rows.transpose(1, 2) @ rows + (basis * error[:, None]) @ basis.T
+    lower, inverse = cholesky(gram, MAX_COMPONENTS)
+    whitened = inverse @ rows.transpose(1, 2)  # L^-1 U F'
+    of_d, of_x = whitened[:, :, :-r].transpose(1, 2), whitened[:, :, -r:].transpose(1, 2)
+    root, of_root = cholesky(-of_x @ of_x.transpose(1, 2), MAX_UNKNOWNS)
+    precision = of_root.transpose(1, 2) @ of_root
+    centre = mean.mean(dim=0)
+    means = (mean - centre) @ basis.T
+    to_w = inverse / scale  # w = to_w z + w_0
+    w_0 = -(inverse @ means[..., None])
     return Hypotheses(
-        share.float(), emissivity.float(), rim.float(), mean, weight, inverse @ weighted,
-        lower.transpose(1, 2), inverse.transpose(1, 2), offset,
+        share.float(), emissivity.float(), rim.float(), centre.float(), known.basis.float(),
+        (to_w.transpose(1, 2) @ to_w).flatten(1), 2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
+        prior - log_det(lower) - 0.5 * (w_0**2).sum(dim=(1, 2)),
+        (of_x @ to_w).flatten(0, 1).float(), (of_x @ w_0)[..., 0].float(),
+        precision, -log_det(root), (of_d @ to_w).float(), (of_d @ w_0)[..., 0].float(),
+        (of_d @ of_x.transpose(1, 2) @ precision).float(),
     )  # fmt: skip
+
+
+def log_det(lower):
+    """(R,) log determinants of triangular matrices (R, q, q)."""
+    return torch.log(torch.diagonal(lower, dim1=1, dim2=2)).sum(dim=1)
 
 
 def lighting_scale(k):
@@ -146,37 +176,34 @@ _NEVER = 1e15  # nats; misfits reach 1e12
 
 
 def evidence(h: Hypotheses, s):
-    """log p(s | h) (P, R) and y (P, R, q) of noise-scaled spectra s (P, bands), float64.
-
-    float64 because a pixel 10 K from the mean is worth 10^6 nats before T explains it.
-    """
-    r, q, bands = h.project.shape
-    y = s @ h.project.reshape(r * q, bands).T
-    y = (y - torch.einsum("rqb,rb->rq", h.project, h.mean).reshape(-1)).reshape(-1, r, q)
-    chi2 = (s * s) @ h.weight.T - 2 * s @ (h.weight * h.mean).T + (h.weight * h.mean**2).sum(-1)
-    return h.offset - 0.5 * (chi2 - (y * y).sum(dim=-1)), y
+    """log p(z | h) (R, P), x^ (R, r, P) and z (d, P) of noise-scaled spectra s (bands, P)."""
+    z = h.look @ (s - h.centre[:, None])
+    d = z.double()
+    log_p = h.offset[:, None] - 0.5 * (h.square @ (d[:, None] * d).flatten(0, 1) + h.slope @ d)
+    x = torch.addmm(h.x_0.reshape(-1, 1), h.to_x, z).reshape(*h.x_0.shape, -1)
+    return log_p.to(s.dtype), x, z
 
 
 def hermite(t):
-    """(..., n) orthonormal Hermite polynomials 1..n of t and (..., n) their derivatives."""
-    value, slope = [torch.ones_like(t), t], []
+    """(n, ...) orthonormal Hermite polynomials 1..n of t (...), and their derivatives."""
+    value = [torch.ones_like(t), t]
     for d in range(1, TERMS):
         value.append((t * value[d] - d**0.5 * value[d - 1]) / (d + 1) ** 0.5)
     slope = [d**0.5 * value[d - 1] for d in range(1, TERMS + 1)]
-    return torch.stack(value[1:], dim=-1), torch.stack(slope, dim=-1)
+    return torch.stack(value[1:]), torch.stack(slope)
 
 
 def _planck_series(nodes_um, prior_k):
     """(n + 1, bands, nodes) coefficients of B(T_0 + tau t) in orthonormal Hermite polynomials."""
     t, w = np.polynomial.hermite_e.hermegauss(QUADRATURE)
     t, w = torch.from_numpy(t), torch.from_numpy(w / w.sum())
-    value = torch.cat([torch.ones(QUADRATURE, 1, dtype=t.dtype), hermite(t)[0]], dim=1)
+    value = torch.cat([torch.ones(1, QUADRATURE, dtype=t.dtype), hermite(t)[0]])
     temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=30.0)
     b = radiance(nodes_um, temperature[:, None, None])
-    return torch.einsum("id,ibn->dbn", w[:, None] * value, b)
+    return torch.einsum("di,ibn->dbn", w * value, b)
 
 
-def cholesky(gram, most=MAX_COLUMNS):
+def cholesky(gram, most):
     """L and L^-1 of I + gram (R, q, q) = L L', from operations that ONNX has.
 
     Padded with the identity to `most` >= q, a multiple of BLOCK; block by block, within a block

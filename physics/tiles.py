@@ -8,16 +8,17 @@ import math
 import numpy as np
 
 
-def run_tiled(run, image, halo, pixels, progress=None):
+def run_tiled(run, image, halo, pixels, progress=None, multiple=1):
     """Maps of an image (..., height, width), tile by tile.
 
     run       takes a tile (..., h, w) and answers with a dict of maps (..., h, w)
     halo      how many pixels around itself an answer depends on
     pixels    at most about so many in one tile, its halo included
+    multiple  tiles begin at multiples of it; halo must be one
     progress  called as progress(done, total) after each tile
     """
     height, width = image.shape[-2:]
-    side = max(halo, int(math.sqrt(pixels)) - 2 * halo, 1)
+    side = max(halo, int(math.sqrt(pixels)) - 2 * halo, multiple) // multiple * multiple
     corners = [(y, x) for y in range(0, height, side) for x in range(0, width, side)]
     maps = {}
     for done, (y, x) in enumerate(corners, 1):

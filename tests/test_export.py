@@ -15,12 +15,13 @@ from conftest import small_library
 
 import texnet
 from export import Runtime
+from export.runtime import _bytes_per_pixel
 from export.to_onnx import export_onnx
 from physics import Environment, HeatCube, InputError
 from physics.eq1 import render
 from physics.evidence import Known
+from physics.known import known_arrays
 from physics.planck import noise_sigma, radiance
-from texnet.inputs import known_arrays
 from texnet.learned import shipped_network
 from texnet.model import TeXModel
 from texnet.network import TeXNet
@@ -134,7 +135,7 @@ def test_the_network_part_matters(network, runtime):
 def test_tiles_do_not_show(runtime, monkeypatch, pixels):
     image, known = scene(shape=(61, 75), bands=9)
     whole = runtime.run(image, known)
-    per_pixel = runtime._bytes_per_pixel(runtime._sizes({"radiance": image, **known}))
+    per_pixel = _bytes_per_pixel(runtime._sizes({"radiance": image, **known}))
     monkeypatch.setattr("export.runtime.TILE_BYTES", pixels * per_pixel)
     done = []
     tiled = runtime.run(image, known, lambda n, of: done.append((n, of)))
@@ -195,7 +196,7 @@ def test_a_new_export_answers_as_its_network_and_says_what_it_is(tmp_path):
     assert_close(runtime.run(image, known), in_torch(network, image, known))
     about = runtime.about
     assert about["texnet_version"] == version("texnet") and about["history"] == HISTORY
-    assert about["halo_px"] == network.halo == 4
+    assert about["halo_px"] == network.halo == 8 and about["cell_px"] == 2
     assert about["meaning"]["radiance"]["sizes"] == ["bands", "height", "width"]
     names = {m["name"] for m in about["library"]["materials"]}
     assert "sky" in names and len(names) == 30
@@ -228,8 +229,8 @@ def test_files_of_others_are_named_as_such(tmp_path, runtime):
         (lambda k: k.pop("error"), "see error"),
         (lambda k: k.update(sigma=k["sigma"][:-1]), "sigma must be"),
         (lambda k: k.update(prior_k=np.ones(3)), "prior_k must be"),
-        (lambda k: k.update(emissivity=k["emissivity"][:1], is_sky=k["is_sky"][:1]), "2 materials"),
-        (lambda k: k.update(spread=np.zeros((40, 24))), "at most 30"),
+        (lambda k: k.update(emissivity=k["emissivity"][:1], is_sky=k["is_sky"][:1]), "at least 2"),
+        (lambda k: k.update(basis=np.zeros((25, 24))), "components must be at most 24"),
     ],
 )
 def test_wrong_input_is_said_in_one_sentence(runtime, change, message):

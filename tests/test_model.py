@@ -246,7 +246,7 @@ def test_hard_inputs_are_answered_in_numbers(case, steps):
     world = World(shape=shape, seed=8, **more)
     cube = world.cube
     if case == "constant":
-        cube = HeatCube(np.full((30, 4, 5), 7.0), world.wavelength, world.width, 0.05)
+        cube = HeatCube(np.full((world.bands, 4, 5), 7.0), world.wavelength, world.width, 0.05)
     tex = answer(world.known(cube), cube, steps=steps)
     assert_sound(tex, len(world.library), world.k, world.bands, shape)
     if case == "few bands" and steps:  # 4 numbers cannot tell T and 8 factors: sigma says so

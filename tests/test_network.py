@@ -10,10 +10,11 @@ from test_evidence import World
 from traced import one_thread  # noqa: F401
 
 from physics import InputError
-from texnet.network import DILATIONS, TeXNet, stem
+from texnet.network import DILATIONS, STRIDE, TeXNet, stem
 from texnet.weights import load_network, save_network
 
-HALO = sum(DILATIONS) + 1 + 2  # of 3 x 3 convolutions, and two rounds of messages
+SEEN = STRIDE * sum(DILATIONS) + STRIDE - 1  # by 3 x 3 convolutions over cells
+HALO = SEEN + 1 + 2  # and by two rounds of messages
 
 
 def network(seed=0, strength=10.0, **config):
@@ -100,23 +101,24 @@ def test_a_pixel_is_seen_as_far_as_the_halo_and_no_farther():
         assert (change[(far >= 16) & (far <= HALO)] > 0).any(), name
         assert change[at] > 0, name
     # T and V see as far as the trunk, and materials, so T, farther by the messages
-    assert (a.log_lighting - b.log_lighting).abs().numpy()[:, far > sum(DILATIONS)].max() == 0
+    assert (a.log_lighting - b.log_lighting).abs().numpy()[:, far > SEEN].max() == 0
     assert ((a.log_material - b.log_material).abs().numpy()[:, far == HALO - 1] > 0).any()
 
 
 def test_moving_the_camera_moves_the_answer():
+    """By whole cells."""
     world, net = World(shape=(52, 54), seed=5), network(5)
     known = world.known()
     whole = predict(net, known, world.cube)
-    cropped = type(world.cube)(world.cube.radiance[:, 3:, 5:], world.wavelength, world.width,
+    cropped = type(world.cube)(world.cube.radiance[:, 4:, 6:], world.wavelength, world.width,
                                world.netd)  # fmt: skip
     part = predict(net, known, cropped)
-    inner = np.s_[..., 3 + HALO : 52 - HALO, 5 + HALO : 54 - HALO]
-    same = np.s_[..., HALO : 49 - HALO, HALO : 49 - HALO]
+    inner = np.s_[..., 4 + HALO : 52 - HALO, 6 + HALO : 54 - HALO]
+    same = np.s_[..., HALO : 48 - HALO, HALO : 48 - HALO]
     for name, a, b in zip(whole._fields, whole, part, strict=True):
         np.testing.assert_allclose(a.numpy()[inner], b.numpy()[same], atol=2e-3, err_msg=name)
         assert a.numpy()[inner].size
-    edge = (whole.temperature_k[3:, 5:] - part.temperature_k)[0].abs().max()
+    edge = (whole.temperature_k[4:, 6:] - part.temperature_k)[0].abs().max()
     assert edge > 2e-3  # at the border there is less to see
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from traced import averaged, names_of, one_thread, traced  # noqa: F401
 
+import texnet.exact
 import texnet.pipeline
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.eq1 import render
@@ -183,7 +184,7 @@ def test_a_library_that_does_not_reach_is_refused_before_the_work(
     def never(*args, **kwargs):
         raise AssertionError("worked first, complained later")
 
-    monkeypatch.setattr(texnet.pipeline, "solve_local", never)
+    monkeypatch.setattr(texnet.exact, "solve_local", never)
     with pytest.raises(InputError, match="cover .* um but the bands need"):
         decompose(cube, short, method=method, environment=environment if given else None)
 

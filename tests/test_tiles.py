@@ -29,6 +29,22 @@ def test_tiling_changes_nothing(height, width, halo, pixels, seed):
     assert seen == [(i + 1, len(seen)) for i in range(len(seen))]
 
 
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 900), st.sampled_from([2, 3, 4]))
+def test_tiles_begin_where_cells_do(height, width, pixels, cell):
+    """Means over cells of the whole picture are those of the tiles' own cells."""
+
+    def means(image):
+        y, x = (np.arange(n) // cell for n in image.shape[-2:])
+        sums, counts = np.zeros((2, y[-1] + 1, x[-1] + 1))
+        np.add.at(sums, (y[:, None], x), image)
+        np.add.at(counts, (y[:, None], x), 1)
+        return {"mean": (sums / counts)[y[:, None], x]}
+
+    image = np.random.default_rng(height).normal(size=(height, width))
+    tiled = run_tiled(means, image, cell, pixels, multiple=cell)
+    np.testing.assert_allclose(tiled["mean"], means(image)["mean"], rtol=1e-12, atol=1e-12)
+
+
 def test_too_small_a_halo_shows():
     image = np.random.default_rng(0).integers(0, 1000, (1, 30, 30))
     assert (run_tiled(windows, image, 1, 64)["sum"] != windows(image)["sum"]).any()

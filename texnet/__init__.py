@@ -1,9 +1,10 @@
 """texnet: temperature, emissivity and texture from thermal hyperspectral cubes. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
+exact       methods local and sgd
 model       net+sgd as one module: evidence, network, refinement, texture
 network     TeXNet
-inputs      what the model is told of a scene
+doubt       when an answer should not be trusted
 learned     the model with the shipped weights
 weights     weights on disk
 cube_io     heat cubes on disk (.exr, .npz)

@@ -283,12 +283,10 @@ def _runner(method, model):
             raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
         return None
     if model is not None and model.suffix != ".onnx":
-        from physics.refinement import STEPS
-
         from .learned import torch_model
         from .weights import load_network
 
-        return torch_model(load_network(model)[0], STEPS if method == "net+sgd" else 0)
+        return torch_model(method == "net+sgd", load_network(model)[0])
     if method == "net":
         if model is not None:
             raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")

@@ -14,30 +14,28 @@ from .model import TeX, TeXModel
 from .weights import load_network
 
 WEIGHTS = "texnet.safetensors"  # in texnet/data
-TILE_BYTES = 1e9  # what a tile's evidence may take
+TILE_PIXELS = 256 * 256  # of some 10 kB each
 
 
-def torch_model(network=None, steps=STEPS):
+def torch_model(refined=True, network=None):
     """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
 
-    network   a TeXNet; the shipped one if None.  steps   of refinement, as in TeXModel
-    radiance  (bands, height, width);  known   dict of arrays as from `inputs.known_arrays`
+    refined   net+sgd; else net.  network   a TeXNet; the shipped one if None
+    radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
     """
     network = network or shipped_network()
-    model = TeXModel(network, steps)
+    model = TeXModel(network, STEPS if refined else 0)
 
     def run(radiance, known, progress=None):
         tensors = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
-        rows = 2 * len(known["is_sky"])
-        columns = 16 + len(known["environment"])  # of `evidence`, about
 
         def tile(part):
             answer = model(tensors, torch.from_numpy(np.array(part)))  # the cube is read-only
             maps = {name: a.numpy() for name, a in zip(TeX._fields, answer, strict=True)}
             return maps | {"material": maps["material"].astype("int16")}
 
-        pixels = TILE_BYTES / (8 * rows * columns)
-        return run_tiled(tile, radiance, network.halo, pixels, progress)
+        cell = network.config["stride"]
+        return run_tiled(tile, radiance, network.halo, TILE_PIXELS, progress, cell)
 
     return run
 

@@ -17,17 +17,14 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from physics.evidence import TERMS, Known
+from physics.evidence import Known
 from physics.planck import radiance as planck
 from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, refine
 
-from .network import TeXNet, stem
+from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
+from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # refined per pixel
-CHI2_SIGMAS = 6.0  # beyond which nothing in the library fits
-OWN_PROBABILITY = 0.2  # of the answer from the pixel's own evidence, below which it is unknown
-AIR_SIGMA_K = 5.0  # of the air's temperature from the sky's brightness
-RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it
 
 
 class TeX(NamedTuple):
@@ -62,95 +59,87 @@ class TeXModel(nn.Module):
 
     @torch.no_grad()
     def forward(self, known: Known, radiance) -> TeX:
-        shape, k = radiance.shape[1:], known.environment.shape[0]
-        materials = known.is_sky.shape[0]
+        shape, materials = radiance.shape[1:], known.is_sky.shape[0]
         s, h = stem(known, radiance)
-        b = blocks(h, k)
+        b = blocks(h, known.environment.shape[0])
         net = self.network(known, s, shape)
-        log_m, trust = net.log_material.flatten(1).T, net.trust.reshape(-1, 1)
+        log_m, trust = net.log_material.flatten(1), net.trust.flatten()
 
         # the likeliest hypotheses, refined
-        per_row = s.log_evidence.reshape(-1, 2, materials)
-        log_row = log_m[:, None] + torch.log_softmax(per_row, dim=1)
-        log_row = log_row - 1e9 * known.is_sky * (known.sky_mean.max() <= 0)  # none in view
-        log_row = log_row.reshape(-1, 2 * materials)
-        score, row = log_row.topk(HYPOTHESES, dim=1)
-        y = _pick(s.y[:, :, -(k + TERMS) :], row)
-        t = (net.temperature_k.reshape(-1) - known.prior_k[0]) / known.prior_k[1]
-        guess = net.log_lighting.flatten(1).T.exp()
+        never = 1e9 * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
+        log_m = log_m - never[:, None]
+        log_row = torch.cat([log_m + s.log_pure, log_m + s.log_mixed])
+        score, row = log_row.topk(HYPOTHESES, dim=0)
+        x = _pick(s.x, row).transpose(0, 1)
+        t = (net.temperature_k.flatten() - known.prior_k[0]) / known.prior_k[1]
+        guess = net.log_lighting.flatten(1).exp()
         if self.steps:
-            r = refine(b, y, row, t, guess, self.steps)
+            r = refine(b, x, row, t, guess, self.steps)
         else:
             r = _unrefined(b, row, t, guess)
         score = score - trust * r.energy
         # those that were not refined would lose at least as much as the best of these
-        log_row = log_row - trust * r.energy.amin(1, keepdim=True)
-        log_row = log_row.scatter(1, row, score)
-        log_p = torch.logsumexp(log_row.reshape(-1, 2, materials), dim=1)
-        p = torch.softmax(log_p, dim=1)
+        log_row = log_row - trust * r.energy.amin(0)
+        log_row = log_row.scatter(0, row, score)
+        p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
 
-        best = score.argmax(1, keepdim=True)
-        chosen = row.gather(1, best)[:, 0]
+        best = score.argmax(0, keepdim=True)
+        chosen = row.gather(0, best)[0]
         material = _material(chosen, materials)
         is_sky = known.is_sky[material] > 0
         # what stands before the sky, where that may be anything
         solid = score - 1e6 * known.is_sky[_material(row, materials)]
-        of_solid, at = solid.max(1, keepdim=True)
-        sky_gap = score.amax(1, keepdim=True) - of_solid
-        empty = is_sky & (sky_gap[:, 0] > RIM_NATS)
-        before = torch.where(is_sky[:, None], at, best)
-        final = torch.where(empty, chosen, row.gather(1, before)[:, 0])
-        t, own = r.t.gather(1, before), r.sigma.gather(1, before)
-        v = r.lighting.gather(1, before[..., None].expand(-1, -1, k))[:, 0]
-        weight = torch.softmax(solid, dim=1)
-        doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(1, keepdim=True)
-        sigma = torch.maximum(own**2, doubt).sqrt()[:, 0] * known.prior_k[1]
-        temperature = (known.prior_k[0] + known.prior_k[1] * t)[:, 0]
+        of_solid, at = solid.max(0, keepdim=True)
+        empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
+        before = torch.where(is_sky, at, best)
+        final = torch.where(empty, chosen, row.gather(0, before)[0])
+        t, own = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
+        v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
+        weight = torch.softmax(solid, dim=0)
+        doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
+        sigma = torch.maximum(own**2, doubt).sqrt() * known.prior_k[1]
+        temperature = known.prior_k[0] + known.prior_k[1] * t
         # the air is as warm as its opaque bands look
-        temperature = torch.where(empty, s.brightness.amax(1), temperature)
+        temperature = torch.where(empty, s.brightness.amax(0), temperature)
         sigma = torch.where(empty, AIR_SIGMA_K, sigma)
 
-        z = deviations(b, _pick(s.y, final[:, None])[:, 0].float(), final, t[:, 0], v)
-        texture, sky_texture, misfit = _texture(known, h, radiance, final, temperature, v, z)
+        off = deviations(h, s.z, _pick(s.x, final[None])[0], final, t, v)
+        texture, sky_texture, misfit = _texture(known, h, radiance, final, temperature, v, off)
         visible = (~empty).float()
-        own = torch.softmax(torch.logsumexp(per_row, dim=1), dim=1)
-        of_m = lambda a: a.gather(1, material[:, None])[:, 0]  # noqa: E731
+        own = torch.softmax(s.log_evidence, dim=0)
+        of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
         bands = radiance.shape[0]
         unknown = (misfit**2 > 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) & ~empty
         unknown = unknown | (of_m(p) < 0.5) | (of_m(own) < OWN_PROBABILITY)
-        maps = lambda a: a.reshape(*a.shape[:-1], *shape)  # noqa: E731
+        maps = lambda a: a.unflatten(-1, shape)  # noqa: E731
         return TeX(
-            maps(p.T), maps(material), maps(temperature), maps(sigma),
-            maps((v * visible[:, None]).T), maps((texture * visible[:, None]).T),
-            maps(sky_texture * visible), maps(misfit), maps(unknown),
+            maps(p), maps(material), maps(temperature), maps(sigma), maps(v * visible),
+            maps(texture * visible), maps(sky_texture * visible), maps(misfit), maps(unknown),
         )  # fmt: skip
 
 
 def _unrefined(b, row, t, lighting):
     """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds."""
-    sigma = (b.tt_solve[:, 0] ** 2).sum(1).sqrt()
-    shape = row.shape
-    return Refined(
-        t[:, None].expand(shape), of_rows(sigma, row),
-        lighting[:, None].expand(*shape, lighting.shape[1]), torch.zeros(shape),
-    )  # fmt: skip
+    sigma = of_rows((b.tt_solve[:, 0] ** 2).sum(1).sqrt(), row)
+    lighting = lighting[:, None].expand(-1, *row.shape)
+    return Refined(t.expand(row.shape), sigma, lighting, torch.zeros_like(sigma))
 
 
-def _texture(known, h, radiance, row, temperature, v, z):
-    """X (P, bands), its sky-lit band mean (P,) and the residual (P,) of hypotheses row (P,)."""
+def _texture(known, h, radiance, row, temperature, v, off):
+    """X (bands, P), its sky-lit band mean (P,) and the residual (P,) of hypotheses row (P,)."""
     materials, sky = known.is_sky.shape[0], known.is_sky
-    m, share = _material(row, materials), of_rows(h.share, row)[:, None]
+    m, share = _material(row, materials), of_rows(h.share, row)
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
-    glow = (of_rows(e, m) * planck(known.nodes_um, temperature[:, None, None])).mean(-1)
+    glow = (of_rows(e, m) * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
-    skylight = z[:, n:d] @ known.skylight_spread
-    texture = v @ known.environment + z[:, :n] @ known.spread + skylight
-    of_sky = known.sky_mean + z[:, d:-1] @ known.sky_spread
+    skylight = known.skylight_spread.T @ off[n:d]
+    texture = known.environment.T @ v + known.spread.T @ off[:n] + skylight
+    of_sky = known.sky_mean[:, None] + known.sky_spread.T @ off[d:-1]
     rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, m)) * texture) + share * of_sky
-    rendered = rendered + of_rows(h.rim, row) * z[:, -1:]
-    misfit = (((radiance.flatten(1).T - rendered) / known.sigma) ** 2).mean(1).sqrt()
-    of_sky = v * known.sky_object
-    lit = of_sky @ known.environment.mean(1) + of_sky.sum(1) * skylight.mean(1)
+    rendered = rendered + of_rows(h.rim, row) * off[-1]
+    misfit = (((radiance.flatten(1) - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
+    of_sky = v * known.sky_object[:, None]
+    lit = known.environment.mean(1) @ of_sky + of_sky.sum(0) * skylight.mean(0)
     return texture, torch.where(known.sky_object.max() > 0, lit, misfit), misfit
 
 
@@ -158,6 +147,6 @@ def _material(row, materials):
     return torch.arange(materials).repeat(2)[row]  # row % materials, as ONNX can have it
 
 
-def _pick(y, row):
-    """y (P, R, q) at row (P, C) -> (P, C, q)."""
-    return y.gather(1, row[..., None].expand(-1, -1, y.shape[2]))
+def _pick(x, row):
+    """x (R, q, P) at row (C, P) -> (C, q, P)."""
+    return x.gather(0, row[:, None].expand(-1, x.shape[1], -1))

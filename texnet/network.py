@@ -9,7 +9,8 @@ one set of weights serves any bands, any library and any k, and permuting the li
 environment permutes the answer.
 
     features   of a pixel, dimensionless: brightness temperatures, evidence, codes believed in
-    trunk      3 x 3 convolutions with growing dilation
+    trunk      3 x 3 convolutions with growing dilation, over cells of 2 x 2 pixels; what they
+               see of the surroundings is added to each pixel's own
     material   logits = a log p(s | m) + q . code_m + messages from the neighbours, a and q
                from the trunk; messages are the neighbours' own beliefs, weighted by the trunk
     T          belief-weighted mean of the materials' T, plus an offset
@@ -22,13 +23,14 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from physics.evidence import TERMS, Known, evidence, hypotheses, lighting_scale
+from physics.evidence import Known, evidence, hypotheses, lighting_scale
 from physics.planck import brightness_temperature, noise_sigma
 from physics.refinement import MAX_T
 
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
 FREQUENCIES = 6
-DILATIONS = (1, 2, 4, 8, 4)  # a context of 39 x 39 pixels
+STRIDE = 2  # pixels to a cell of the trunk
+DILATIONS = (1, 2, 4, 2)  # of its convolutions: a context of 38 x 38 pixels
 EVIDENCE_FLOOR = -60.0  # nats: what is hopeless is hopeless
 NOISE_AT = 0.05  # K
 COLDEST_K = 60.0
@@ -37,13 +39,17 @@ COLDEST_K = 60.0
 class Stem(NamedTuple):
     """What physics says of P pixels, M materials (2 M hypotheses, see Hypotheses).
 
-    log_evidence (P, 2 M) and y (P, 2 M, q) of `evidence`; t (P, M) temperature in prior
-    deviations; lighting (P, k) of the likeliest hypothesis, clipped to the simplex; brightness
-    (P, bands) brightness temperature, K. float32 but for y.
+    x (2 M, r, P) and z (d, P) of `evidence`; log_evidence (M, P) of pure or mixed, log_pure and
+    log_mixed (M, P) the logarithms of their shares in it; t (M, P) temperature in prior
+    deviations; lighting (k, P) of the likeliest hypothesis, clipped to the simplex; brightness
+    (bands, P) brightness temperature, K.
     """
 
+    x: torch.Tensor
+    z: torch.Tensor
     log_evidence: torch.Tensor
-    y: torch.Tensor
+    log_pure: torch.Tensor
+    log_mixed: torch.Tensor
     t: torch.Tensor
     lighting: torch.Tensor
     brightness: torch.Tensor
@@ -52,21 +58,25 @@ class Stem(NamedTuple):
 def stem(known: Known, radiance):
     """Stem of radiance (bands, height, width) W m-2 sr-1 um-1, and its Hypotheses."""
     k, h = known.environment.shape[0], hypotheses(known)
-    spectra = radiance.flatten(1).T
-    log_evidence, y = evidence(h, spectra.double() / known.sigma.double())
-    # the likeliest coefficients are L'^-1 y, and L'^-1 is triangular
-    t = (y[:, :, -TERMS:] * h.inverse[:, -TERMS, -TERMS:]).sum(-1).float().clamp(-MAX_T, MAX_T)
-    log_evidence = log_evidence.float()
-    pure = torch.softmax(log_evidence.reshape(-1, 2, known.is_sky.shape[0]), dim=1)
-    best = log_evidence.argmax(dim=1)
-    own = y.gather(1, best[:, None, None].expand(-1, 1, y.shape[2]))[:, 0, -(k + TERMS) :, None]
-    v = h.inverse[:, -(k + TERMS) : -TERMS, -(k + TERMS) :].index_select(0, best) @ own
-    v = (v[..., 0].float() * lighting_scale(k) + 1 / k).clamp(min=0.0)
+    spectra = radiance.flatten(1)
+    per_row, x, z = evidence(h, spectra / known.sigma[:, None])
+    pure, mixed = per_row[: known.is_sky.shape[0]], per_row[known.is_sky.shape[0] :]
+    # softplus, because what torch makes of logsigmoid and logaddexp in ONNX overflows
+    log_pure, log_mixed = -functional.softplus(mixed - pure), -functional.softplus(pure - mixed)
+    t = x[:, k].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))
+    best = per_row.argmax(dim=0)
+    v = x.gather(0, best.expand(1, x.shape[1], -1))[0, :k]
+    v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
     return Stem(
-        log_evidence, y, (pure * t.reshape(pure.shape)).sum(1),
-        v / v.sum(1, keepdim=True).clamp(min=1e-6),
-        brightness_temperature(known.nodes_um.mean(1), spectra.clamp(min=1e-6)),
+        x, z, log_add(pure, mixed), log_pure, log_mixed,
+        t[0] * log_pure.exp() + t[1] * log_mixed.exp(), v / v.sum(0).clamp(min=1e-6),
+        brightness_temperature(known.nodes_um.mean(1)[:, None], spectra.clamp(min=1e-6)),
     ), h  # fmt: skip
+
+
+def log_add(a, b):
+    """log(exp a + exp b)."""
+    return torch.maximum(a, b) + functional.softplus(-(a - b).abs())
 
 
 class Prediction(NamedTuple):
@@ -83,12 +93,14 @@ class Prediction(NamedTuple):
 
 
 class TeXNet(nn.Module):
-    """The network; width is the number of channels of its trunk, messages how many rounds of
-    them are passed."""
+    """The network; width is the number of channels of its trunk, whose cells are stride x stride
+    pixels; messages is how many rounds of them are passed."""
 
-    def __init__(self, width=48, dilations=DILATIONS, messages=2):
+    def __init__(self, width=48, dilations=DILATIONS, messages=2, stride=STRIDE):
         super().__init__()
-        self.config = dict(width=width, dilations=tuple(dilations), messages=messages)
+        self.config = dict(
+            width=width, dilations=tuple(dilations), messages=messages, stride=stride
+        )
         self.curve = SetCode(1, CODE)
         self.light = SetCode(1, LIGHT_CODE)
         self.kernel = Kernel(SPECTRUM_CODE)
@@ -96,6 +108,7 @@ class TeXNet(nn.Module):
         self.trunk = nn.ModuleList(
             nn.Conv2d(width, width, 3, padding=d, dilation=d) for d in dilations
         )
+        self.merge = nn.Conv2d(width, width, 1)
         self.heads = nn.Conv2d(width, CODE + LIGHT_CODE + 3 + 8 * messages, 1)
         for layer in self.trunk:
             nn.init.zeros_(layer.bias)
@@ -105,9 +118,10 @@ class TeXNet(nn.Module):
 
     @property
     def halo(self):
-        """How many pixels around itself an answer depends on."""
-        messages = self.config["messages"]
-        return sum(self.config["dilations"]) + messages * (messages + 1) // 2
+        """How many pixels around itself an answer depends on; whole cells."""
+        stride, messages = self.config["stride"], self.config["messages"]
+        reach = sum(self.config["dilations"]) * stride + stride - 1
+        return -(-(reach + messages * (messages + 1) // 2) // stride) * stride
 
     def forward(self, known: Known, s: Stem, shape) -> Prediction:
         height, width = shape
@@ -119,41 +133,40 @@ class TeXNet(nn.Module):
         over = brightness_temperature(wavelength, known.environment) - prior
         light = self.light(over / 10, known.sky_object, wavelength)
 
-        per_row = s.log_evidence.reshape(-1, 2, s.t.shape[1])
-        log_evidence = torch.logsumexp(per_row, dim=1)
-        log_evidence = torch.log_softmax(log_evidence, dim=1).clamp(min=EVIDENCE_FLOOR)
-        mixed = torch.sigmoid(per_row[:, 1] - per_row[:, 0])
+        best = s.log_evidence.amax(0)
+        belief = (s.log_evidence - best).exp()
+        best = best + belief.sum(0).log()
+        log_evidence = (s.log_evidence - best).clamp(min=EVIDENCE_FLOOR)
         belief = log_evidence.exp()
-        soft = torch.softmax(0.2 * log_evidence, dim=1)
-        mean = s.brightness.mean(1, keepdim=True)
-        contrast = torch.asinh((s.brightness - mean) / 2)
+        soft = torch.softmax(0.2 * log_evidence, dim=0)
+        mean = s.brightness.mean(0)
+        contrast = (s.brightness - mean) / 2
+        contrast = contrast.sign() * torch.log(contrast.abs() + (contrast**2 + 1).sqrt())  # asinh
         bands = wavelength.shape[0]
-        best = torch.logsumexp(s.log_evidence, dim=1, keepdim=True)
-        t = (belief * s.t).sum(1, keepdim=True)
-        scalars = torch.cat([
+        t = (belief * s.t).sum(0)
+        noise = torch.log((known.sigma / noise_sigma(wavelength, NOISE_AT)).mean())
+        scalars = torch.stack([
             (mean - prior) / 10,
             t * deviation / 10,
             (prior + t * deviation - mean) / 5,
-            torch.asinh(best / bands),
-            1 - belief.amax(1, keepdim=True),
-            -(belief * log_evidence).sum(1, keepdim=True),
-            (belief * mixed).sum(1, keepdim=True),
-            s.lighting @ known.sky_object[:, None],
-            0 * mean + torch.log((known.sigma / noise_sigma(wavelength, NOISE_AT)).mean()),
+            torch.asinh(best / known.basis.shape[0]),
+            1 - belief.amax(0),
+            -(belief * log_evidence).sum(0),
+            (belief * s.log_mixed.exp()).sum(0),
+            known.sky_object @ s.lighting,
+            0 * mean + noise,
             0 * mean + torch.log(torch.full_like(prior, bands) / 30),
-        ], dim=1)  # fmt: skip
-        features = torch.cat(
-            [contrast @ self.kernel(wavelength) / bands, belief @ curve, soft @ curve,
-             s.lighting @ light, scalars], dim=1,
-        )  # fmt: skip
-        x = functional.relu(self.inlet(features.T.reshape(1, -1, height, width)))
-        for layer in self.trunk:
-            x = x + functional.relu(layer(x))
-        out = self.heads(x)[0].reshape(-1, height * width)
+        ])  # fmt: skip
+        features = torch.cat([
+            self.kernel(wavelength).T @ contrast / bands, curve.T @ belief, curve.T @ soft,
+            light.T @ s.lighting, scalars,
+        ])  # fmt: skip
+        out = self._look_around(features.reshape(1, -1, height, width))
+        out = out[0].reshape(-1, height * width)
         n = CODE + LIGHT_CODE
 
         trust = functional.softplus(out[n] + 0.5413)  # 1 at first
-        logits = trust * log_evidence.T + curve @ out[:CODE]
+        logits = trust * log_evidence + curve @ out[:CODE]
         for i in range(self.config["messages"]):
             weight = functional.softplus(out[n + 3 + 8 * i : n + 11 + 8 * i] - 1.0)
             logits = logits + _messages(
@@ -161,15 +174,25 @@ class TeXNet(nn.Module):
                 weight.reshape(8, height, width), 1 + i,
             ).reshape(logits.shape)  # fmt: skip
         log_material = torch.log_softmax(logits, 0)
-        t = (log_material.exp() * s.t.T).sum(0)
+        t = (log_material.exp() * s.t).sum(0)
         temperature = (prior + deviation * t + out[n + 2]).clamp(min=COLDEST_K)
         share = functional.softplus(out[n + 1] + 0.5413)
-        lighting = share * torch.log(s.lighting.T + 0.03) + light @ out[CODE:n]
+        lighting = share * torch.log(s.lighting + 0.03) + light @ out[CODE:n]
         maps = lambda a: a.reshape(*a.shape[:-1], height, width)  # noqa: E731
         return Prediction(
             maps(log_material), maps(trust), maps(temperature),
             maps(torch.log_softmax(lighting, 0)),
         )  # fmt: skip
+
+    def _look_around(self, x):
+        """(1, features, height, width) -> (1, heads, height, width)."""
+        stride, (height, width) = self.config["stride"], x.shape[2:]
+        own = functional.relu(self.inlet(x))
+        x = functional.avg_pool2d(own, stride, ceil_mode=True, count_include_pad=False)
+        for layer in self.trunk:
+            x = x + functional.relu(layer(x))
+        x = own + functional.interpolate(x, scale_factor=stride)[:, :, :height, :width]
+        return self.heads(x + functional.relu(self.merge(x)))
 
 
 class Kernel(nn.Module):

@@ -10,10 +10,9 @@ from torch.utils.data import Dataset
 
 from physics.estimate import estimate_environment
 from physics.evidence import Known
-from texnet.inputs import known_arrays
-from texnet.network import stem
+from physics.known import known_arrays
 
-from .samples import OBJECTS, Sample
+from .samples import OBJECTS, Sample, features
 
 
 class Crops(Dataset):
@@ -46,7 +45,4 @@ class Crops(Dataset):
         side = self.side
         top, left = (int(rng.integers(max(1, n - side + 1))) for n in radiance.shape[1:])
         radiance = radiance[:, top : top + side, left : left + side]
-        with torch.no_grad():
-            s, *_ = stem(known, radiance)
-        sample = Sample(known, radiance, *[None] * 5)
-        return sample, s._replace(y=torch.zeros(0))
+        return Sample(known, radiance, *[None] * 5), features(known, radiance)

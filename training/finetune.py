@@ -54,7 +54,7 @@ def finetune(
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         seeds = seed, VALIDATION_SEED
         draws, held_out = (Crops(cubes, with_sky(library), s, SIDE) for s in seeds)
-        data = [_digest(c.radiance, c.wavelength_um, c.fwhm_um) for c in cubes]
+        data = [digest(c.radiance, c.wavelength_um, c.fwhm_um) for c in cubes]
     else:
         terms, rate = "both", LEARNING_RATE
         sets = [
@@ -68,8 +68,8 @@ def finetune(
     seconds = time.perf_counter() - start
 
     settings = dict(
-        terms=terms, data=data, library=_digest(library.wavelength_um, library.emissivity),
-        materials=library.names, network=_digest(*network.state_dict().values()), epochs=epochs,
+        terms=terms, data=data, library=digest(library.wavelength_um, library.emissivity),
+        materials=library.names, network=digest(*network.state_dict().values()), epochs=epochs,
         per_epoch=PER_EPOCH, learning_rate=rate, seed=seed,
     )  # fmt: skip
     module = Training(network, epochs * PER_EPOCH // TOGETHER, terms, rate)
@@ -94,6 +94,6 @@ def _measure(module, draws):
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
 
 
-def _digest(*arrays):
+def digest(*arrays):
     """What tells arrays of numbers apart, as a string."""
     return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()

@@ -14,9 +14,10 @@ import torch
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.heat_cube import HeatCube
+from physics.known import known_arrays
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.sensor import add_noise
-from texnet.inputs import known_arrays
+from texnet.network import stem
 
 BANDS, NETD_K, OBJECTS = (4, 100), (0.01, 0.2), (2, 8)
 MATERIALS = 6  # at least, in a library
@@ -70,6 +71,13 @@ def draw(record, rng, side=None) -> Sample:
         of(record.sky_view),
         of(np.array(record.names)[record.material] != SKY),
     )
+
+
+@torch.no_grad()
+def features(known, radiance):
+    """The Stem of radiance (bands, height, width), less what only refinement needs."""
+    none = torch.zeros(0)
+    return stem(known, radiance)[0]._replace(x=none, z=none)
 
 
 def _bands(fine_um, rng):

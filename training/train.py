@@ -20,13 +20,14 @@ import pytorch_lightning as lightning
 import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
 from pytorch_lightning.loggers import CSVLogger
+from threadpoolctl import threadpool_limits
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from texnet.network import TeXNet, stem
+from texnet.network import TeXNet
 from texnet.weights import save_network
 
 from .losses import PHYSICS_WEIGHT, eq1_loss, supervised_loss
-from .samples import draw
+from .samples import draw, features
 from .scenes import SceneSet
 
 LEARNING_RATE = 2e-3
@@ -93,9 +94,7 @@ class Draws(Dataset):
         order = np.random.default_rng([self.seed, turn]).permutation(len(self.scenes))
         rng = np.random.default_rng([self.seed, 1, i])
         sample = draw(self.scenes[int(order[at])], rng, self.side)
-        with torch.no_grad():
-            s, _ = stem(sample.known, sample.radiance)
-        return sample, s._replace(y=torch.zeros(0))  # only refinement needs y
+        return sample, features(sample.known, sample.radiance)
 
 
 class Epoch(Sampler):
@@ -137,14 +136,18 @@ class Training(lightning.LightningModule):
         self.seconds, self.metrics = checkpoint["seconds"], checkpoint["metrics"]
 
     def training_step(self, batch, _):
-        sample, s = batch
+        loss = self.loss(*batch)
+        self.log("loss", loss.detach(), on_step=False, on_epoch=True, batch_size=1)
+        return loss
+
+    def loss(self, sample, s):
+        """What is minimised, of a Sample and its Stem: a scalar."""
         prediction = self.network(sample.known, s, sample.radiance.shape[1:])
         loss = 0.0
         if self.terms != "physics":
             loss = supervised_loss(prediction, sample)
         if self.terms != "supervised":
             loss = loss + PHYSICS_WEIGHT * eq1_loss(prediction, sample.known, sample.radiance)
-        self.log("loss", loss.detach(), on_step=False, on_epoch=True, batch_size=1)
         return loss
 
     def validation_step(self, batch, _):
@@ -183,11 +186,15 @@ class Report(Callback):
 
 
 class Loader(DataLoader):
-    """A DataLoader of single draws whose workers are deaf to Ctrl-C, which ends the whole."""
+    """A DataLoader of single draws by single-threaded workers, deaf to Ctrl-C, which ends the
+    whole."""
 
     def __init__(self, data, order):
         several = dict(multiprocessing_context="spawn", persistent_workers=True) if WORKERS else {}
-        super().__init__(data, batch_size=None, sampler=order, num_workers=WORKERS, **several)
+        super().__init__(
+            data, batch_size=None, sampler=order, num_workers=WORKERS,
+            worker_init_fn=_one_thread, **several,
+        )  # fmt: skip
 
     def __iter__(self):
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it
@@ -195,6 +202,10 @@ class Loader(DataLoader):
             return super().__iter__()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _one_thread(_):
+    threadpool_limits(1)  # more would wait for each other
 
 
 def fit(module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, progress=None):

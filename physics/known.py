@@ -1,0 +1,75 @@
+"""What the network is told of a scene: numpy arrays from a cube, a library, an environment."""
+
+import numpy as np
+
+from .bands import quadrature
+from .errors import InputError
+from .planck import noise_sigma, radiance
+from .reduced import MIN_TEMPERATURE_SPREAD_K, scene_temperatures
+
+TERMS = 5  # of the series of Planck's law in `evidence`
+MAX_COMPONENTS = 24  # of the basis: as good as all bands, but for half a per cent of the pixels
+MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
+HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
+SAMPLES = 6000  # pixels that the basis is made from
+LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
+
+
+def known_arrays(cube, library, environment):
+    """The fields of physics.evidence.Known as a dict of float32 arrays.
+
+    Raises InputError where library or environment are not for the cube's bands, where the
+    library is a single material, or where the environment has more than 13 objects.
+    """
+    environment.check_bands(cube.wavelength_um)
+    if len(library) < 2:
+        raise InputError(
+            "library: the network chooses between materials and needs two; take method local."
+        )
+    if len(environment) > MAX_UNKNOWNS - TERMS:
+        raise InputError(
+            f"environment: the network takes {MAX_UNKNOWNS - TERMS} objects, got "
+            f"{len(environment)}; give fewer, or take method local or sgd."
+        )
+    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
+    t = scene_temperatures(cube)
+    mean = np.median(t)
+    spread = max(MIN_TEMPERATURE_SPREAD_K, t.std(), np.abs(t - mean).max() / HOT_SIGMAS)
+    is_sky = np.zeros(len(library))
+    if library.sky_index is not None:
+        is_sky[library.sky_index] = 1
+    sky_object = np.zeros(len(environment))
+    sky_object[list(environment.sky)] = 1
+    sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
+    basis = _basis(cube, curves.mean(axis=-1), environment, mean, spread)
+    arrays = dict(
+        nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
+        environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
+        skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
+        error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
+        prior_k=np.array([mean, spread]), basis=basis,
+    )  # fmt: skip
+    return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
+
+
+def _basis(cube, emissivity, environment, mean_k, spread_k):
+    """(d, bands) the directions in which noise-scaled spectra differ most, over their deviation:
+    those of the cube's pixels, and those that any material of the library at any T, under any
+    light, may have."""
+    s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64) / cube.sigma
+    s = s - s.mean(axis=0)
+    glow = radiance(cube.wavelength_um, mean_k + spread_k * np.array([[-1], [0], [1]]))
+    light = np.concatenate([
+        environment.radiance - environment.radiance.mean(axis=0), environment.spread,
+        environment.skylight_spread,
+    ])  # fmt: skip
+    e = emissivity[:, None]
+    mean = e[:, 0] * glow[1] + (1 - e[:, 0]) * environment.radiance.mean(axis=0)
+    of_library = np.concatenate([
+        e * (glow[2] - glow[0]) / 2, (1 - e) * light, (mean - mean.mean(axis=0))[:, None]
+    ], axis=1).reshape(-1, cube.bands) / cube.sigma  # fmt: skip
+    covariance = s.T @ s / len(s) + LIBRARY_SHARE / len(e) * of_library.T @ of_library
+    variance, direction = np.linalg.eigh(covariance)
+    scaled = direction / np.sqrt(1 + variance)
+    return scaled.T[::-1][:MAX_COMPONENTS]
