@@ -4,7 +4,7 @@ import numpy as np
 
 from .bands import quadrature
 from .errors import InputError
-from .planck import noise_sigma, radiance
+from .planck import brightness_temperature, noise_sigma, radiance
 from .reduced import MIN_TEMPERATURE_SPREAD_K, scene_temperatures
 
 TERMS = 5  # of the series of Planck's law in `evidence`
@@ -48,9 +48,15 @@ def known_arrays(cube, library, environment):
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
-        prior_k=np.array([mean, spread]), basis=basis,
+        prior_k=np.array([mean, spread, _typical_k(cube)]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
+
+
+def _typical_k(cube):
+    """The scene's usual T: the median of what pixels look like in their most opaque band."""
+    s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64)
+    return np.median(brightness_temperature(cube.wavelength_um, s).max(axis=1))
 
 
 def _basis(cube, emissivity, environment, mean_k, spread_k):

@@ -2,12 +2,13 @@
 
 From `evidence` a pixel and a hypothesis come as x^ and S^-1. In x = (V', c(T)), V' being
 (V - 1/k) / v with v the prior standard deviation, c(T) the Hermite polynomials of
-t = (T - T_0) / tau, Eq. 4 costs, in nats over the evidence,
+t = (T - T_0) / tau, Eq. 4 costs, in nats over the evidence and with V on the simplex,
 
     E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 4, and the priors of `evidence`
               - |V'|^2 / 2 + kappa |V' - V'_0|^2 / 2      V's prior is moved to a guess V_0
-              + (t^2 - |c(T)|^2) / 2,   V on the simplex  T's prior is on t, not on c
+              + (T - T_1)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is what is typical of the scene
 
+(T_0, tau cover the hottest pixel, for the series' sake; they are no good guess of a mirror's T.)
 V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull
 p = kappa V'_0 - (kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a
 constant. L'_2 is triangular, so its last rows are E of T alone, V being free: a first step of
@@ -30,6 +31,7 @@ from .known import MAX_UNKNOWNS, TERMS
 
 STEPS = 2
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
+TYPICAL_K = 9.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
 MAX_STEP, MAX_T = 1.5, 6.0  # prior deviations
 TINY = 1e-12
@@ -83,15 +85,18 @@ def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
     return Blocks(*(x.float() for x in parts))
 
 
-def refine(b: Blocks, x, row, t, guess, steps=STEPS, precision=GUESS_PRECISION) -> Refined:
+def refine(
+    b: Blocks, x, row, t, guess, typical=(0.0, 1.0), steps=STEPS, precision=GUESS_PRECISION
+) -> Refined:
     """Minimise E from t (P,) and guess (k, P) for the hypotheses row (C, P).
 
-    x (k + n, C, P) are the x^ of `evidence` for these hypotheses; steps, at least 1, are those of
-    T and V.
+    x (k + n, C, P) are the x^ of `evidence` for these hypotheses; typical is T_1 as a value of t,
+    and tau_1 / tau, at most 1; steps, at least 1, are those of T and V.
     """
     k = guess.shape[0]
     scale = lighting_scale(k)
     vv, vt, tt, solve = (of_rows(a, row) for a in (b.vv, b.vt, b.tt, b.solve))
+    narrow = typical[1] ** -2
     v_hat, v_0 = x[:k], ((guess - 1 / k) / scale)[:, None]
     pull = precision * v_0 - (precision - 1) * v_hat
     pulled = _times(of_rows(b.pulled, row), pull)
@@ -101,8 +106,8 @@ def refine(b: Blocks, x, row, t, guess, steps=STEPS, precision=GUESS_PRECISION) 
         """A step of T alone, 1 / its variance, c and its slope at t."""
         c, slope = hermite(t)
         j = _times(tt, slope)
-        curvature = (j * j - slope**2).sum(0) + slope[0] ** 2
-        force = (j * _times(tt, c_2 - c) + c * slope).sum(0) - c[0] * slope[0]
+        curvature = (j * j - slope**2).sum(0) + narrow
+        force = (j * _times(tt, c_2 - c) + c * slope).sum(0) + narrow * (typical[0] - t)
         return (force / curvature).clamp(-MAX_STEP, MAX_STEP), curvature, c, slope
 
     t = t.expand(row.shape).clamp(-MAX_T, MAX_T)
@@ -116,7 +121,8 @@ def refine(b: Blocks, x, row, t, guess, steps=STEPS, precision=GUESS_PRECISION) 
         t = (t + step).clamp(-MAX_T, MAX_T)
     off = hermite(t)[0] - c_2
     in_v, in_t = _times(vv, v - v_2) + _times(vt, off), _times(tt, off)
-    energy = (in_v**2).sum(0) + (in_t**2).sum(0) - (hermite(t)[0][1:] ** 2).sum(0)
+    energy = (in_v**2).sum(0) + (in_t**2).sum(0) - (hermite(t)[0] ** 2).sum(0)
+    energy = energy + narrow * (t - typical[0]) ** 2
     energy = energy + precision * ((v_hat - v_0) ** 2).sum(0)
     energy = energy - (v_hat**2).sum(0) - (pull * pulled[:k]).sum(0)
     return Refined(t, sigma, v, 0.5 * energy + of_rows(b.determinant, row))

@@ -299,7 +299,7 @@ def test_temperature_prior_is_that_of_the_nonlinear_spectrum():
     """The series' outer products add up to the covariance of B(T) itself, by sampling T."""
     known = World().known()
     series = _planck_series(known.nodes_um.double(), known.prior_k.double())[1:, :, 0].numpy()
-    mean, deviation = known.prior_k.double().tolist()
+    mean, deviation, _ = known.prior_k.double().tolist()
     n = 200_000
     t = np.random.default_rng(0).normal(size=n)
     b = radiance(known.nodes_um.double().numpy()[:, 0], mean + deviation * t[:, None])
@@ -312,7 +312,7 @@ def test_temperature_prior_is_that_of_the_nonlinear_spectrum():
 def test_series_of_planck_is_exact_to_a_small_part_of_the_noise(netd):
     known = World(netd=netd).known()
     series = _planck_series(known.nodes_um.double(), known.prior_k.double())
-    mean, deviation = known.prior_k.double()
+    mean, deviation, _ = known.prior_k.double()
     t = torch.linspace(-2, 2, 81, dtype=torch.float64)
     h = torch.cat([torch.ones(1, 81, dtype=torch.float64), hermite(t)[0]])
     b = torch.einsum("nt,nbq->tb", h, series) / series.shape[2]

@@ -27,8 +27,10 @@ class Start:
     row (P,) or (P, C), guess (P, k); answers have their pixels first, too.
     """
 
-    def __init__(self, world, row=None, guess=None, precision=1.0, spectra=None):
-        self.world, self.known = world, world.known()
+    def __init__(
+        self, world, row=None, guess=None, precision=1.0, spectra=None, typical=(0.0, 1.0)
+    ):
+        self.world, self.known, self.typical = world, world.known(), typical
         self.s, self.precision = world.scaled(self.known, spectra), precision
         row = torch.as_tensor(world.material if row is None else row)
         self.row = row.reshape(len(self.s), -1).T
@@ -45,7 +47,9 @@ class Start:
 
     def refine(self, steps=12, t=0.0):
         t = torch.zeros(len(self.s)) + torch.as_tensor(t, dtype=torch.float32)
-        r = refine(self.blocks, self.x_row, self.row, t, self.guess.T, steps, self.precision)
+        r = refine(
+            self.blocks, self.x_row, self.row, t, self.guess.T, self.typical, steps, self.precision
+        )
         assert all(a.dtype == torch.float32 for a in r)
         t, sigma, v, energy = (a.double().numpy().T for a in r)
         return Refined(t, sigma, v, energy)
@@ -58,13 +62,17 @@ class Start:
         return (least - self.blocks.determinant[self.row]).T.numpy() + r.energy
 
 
-def cost(one, s, guess, precision):
-    """Eq. 6 of one pixel and one hypothesis (`Dense`) by bands: a function of (t, V)."""
+def cost(one, s, guess, precision, typical=(0.0, 1.0)):
+    """Eq. 6 of one pixel and one hypothesis (`Dense`) by bands: a function of (t, V).
+
+    typical  mean and standard deviation of the prior on t
+    """
     root = np.linalg.cholesky(np.linalg.inv(one.C_d)).T
 
     def of(x):
         r = root @ (s - one.spectrum(x[0], x[1:]))
-        return 0.5 * (r @ r + x[0] ** 2 + 3 * one.k * precision * ((x[1:] - guess) ** 2).sum())
+        of_t = ((x[0] - typical[0]) / typical[1]) ** 2
+        return 0.5 * (r @ r + of_t + 3 * one.k * precision * ((x[1:] - guess) ** 2).sum())
 
     return of
 
@@ -93,20 +101,23 @@ def slack(one, least, t):
     return lacks * np.sqrt(2 * least) + 0.5 * lacks**2 + 4e-4 * np.sqrt(2 * least) + 1e-3
 
 
-@pytest.mark.parametrize(("k", "precision"), [(1, 1.0), (2, 4.0), (4, 1.0), (6, 4.0)])
+@pytest.mark.parametrize(
+    ("k", "precision", "typical"),
+    [(1, 1.0, (0.0, 1.0)), (2, 4.0, (0.4, 0.6)), (4, 1.0, (-0.3, 0.5)), (6, 4.0, (0.0, 1.0))],
+)
 @pytest.mark.parametrize("rich", [False, True])
-def test_energy_is_the_constrained_cost_and_its_minimum(k, precision, rich):
+def test_energy_is_the_constrained_cost_and_its_minimum(k, precision, typical, rich):
     world = World(k=k, rich=rich, seed=k, shape=(2, 5))
     m, sky = world.material, world.library.sky_index
     rows = np.stack([m, m + 6, np.full(10, sky + 6), (m + 1) % 6], axis=1)  # right, and wrong
     guess = world.rng.dirichlet(np.ones(k), 10)
-    start = Start(world, rows, guess, precision)
+    start = Start(world, rows, guess, precision, typical=typical)
     r = start.refine()
     every = dense(start.known)
     total = start.total(r, every)
     for i, (p, c) in enumerate(np.ndindex(rows.shape)):
         x, one = np.r_[r.t[p, c], r.lighting[p, c]], every[rows[p, c]]
-        of = cost(one, start.s[p].numpy(), start.guess[p].double().numpy(), precision)
+        of = cost(one, start.s[p].numpy(), start.guess[p].double().numpy(), precision, typical)
         # E is that cost at (T, V) ...
         assert total[p, c] == pytest.approx(of(x), abs=slack(one, of(x), x[0]))
         if i % 2 == c % 2:
@@ -116,7 +127,7 @@ def test_energy_is_the_constrained_cost_and_its_minimum(k, precision, rich):
         assert total[p, c] > slow.fun - slack(one, of(x), x[0])
     for p in range(10):  # for the right material
         x, one = np.r_[r.t[p, 0], r.lighting[p, 0]], every[m[p]]
-        of = cost(one, start.s[p].numpy(), start.guess[p].double().numpy(), precision)
+        of = cost(one, start.s[p].numpy(), start.guess[p].double().numpy(), precision, typical)
         slow = slow_minimum(of, k, np.r_[0, np.full(k, 1 / k)], x)
         assert total[p, 0] < slow.fun + slack(one, slow.fun, slow.x[0])
         assert x[0] == pytest.approx(slow.x[0], abs=0.05 * r.sigma[p, 0])
@@ -160,7 +171,7 @@ def test_agrees_with_the_exact_solver(monkeypatch, k):
         _, t, v, sigma = solve_given(model, s, theirs_row, zero + model.prior_mean_k, zero, zero)
         start = Start(world, world.material + 6 * (share > 0), spectra=s)
         r, prior = start.refine(), start.known.prior_k.tolist()
-        assert prior == pytest.approx([model.prior_mean_k, model.prior_sigma_k])
+        assert prior[:2] == pytest.approx([model.prior_mean_k, model.prior_sigma_k])
         ours_t, ours_sigma = prior[0] + prior[1] * r.t[:, 0], prior[1] * r.sigma[:, 0]
         # the two series of B are exact to 0.005 and 0.002 of one band's noise, and sigma is
         # that of 24 bands: up to sqrt(24) 0.007 sigma if all err together
@@ -277,7 +288,7 @@ def test_what_stands_before_the_sky_is_found():
     s = 0.75 * e.sky_mean + 0.25 * radiance(world.nodes, world.temperature[:, None, None]).mean(-1)
     s = s + world.sigma * world.rng.normal(size=s.shape)
     r = (start := Start(world, np.full(50, sky + 6), spectra=s)).refine(STEPS)
-    mean, prior = start.known.prior_k.tolist()
+    mean, prior, _ = start.known.prior_k.tolist()
     one, least = dense(start.known)[sky + 6], []
     for p in range(50):
         of = cost(one, start.s[p].numpy(), np.full(3, 1 / 3), 1.0)
@@ -299,7 +310,7 @@ def test_a_black_body_has_the_temperature_of_its_own_light():
     """e = 1: T by weighted least squares over the bands and the prior, sigma from B' alone."""
     world = black(300)
     start = Start(world, spectra=world.clean)
-    r, (mean, prior) = start.refine(), start.known.prior_k.tolist()
+    r, (mean, prior, _) = start.refine(), start.known.prior_k.tolist()
     t = mean + prior * r.t[:, 0]
     slope = radiance_derivative(world.nodes, world.temperature[:, None, None]).mean(-1)
     exact = ((slope / world.sigma) ** 2).sum(axis=1) ** -0.5
@@ -373,7 +384,7 @@ def test_deviations_of_the_surroundings_are_found_where_they_show():
         world.material, world.temperature, world.lighting, z @ world.environment.spread
     )
     start = Start(world, spectra=s)
-    mean, prior = start.known.prior_k
+    mean, prior, _ = start.known.prior_k
     t = (torch.as_tensor(world.temperature).float() - mean) / prior
     lighting = torch.as_tensor(world.lighting).float().T
     found = deviations(start.h, start.z, start.x_row[:, 0], start.row[0], t, lighting).T

@@ -19,7 +19,7 @@ from torch import nn
 
 from physics.evidence import Known
 from physics.planck import radiance as planck
-from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, refine
+from physics.refinement import STEPS, TYPICAL_K, Refined, blocks, deviations, of_rows, refine
 
 from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
@@ -74,7 +74,8 @@ class TeXModel(nn.Module):
         t = (net.temperature_k.flatten() - known.prior_k[0]) / known.prior_k[1]
         guess = net.log_lighting.flatten(1).exp()
         if self.steps:
-            r = refine(b, x, row, t, guess, self.steps)
+            typical = (known.prior_k[2] - known.prior_k[0]) / known.prior_k[1]
+            r = refine(b, x, row, t, guess, (typical, TYPICAL_K / known.prior_k[1]), self.steps)
         else:
             r = _unrefined(b, row, t, guess)
         score = score - trust * r.energy
