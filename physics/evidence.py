@@ -25,9 +25,9 @@ the evidence of all hypotheses is one product of a matrix with the 1, z_i and z_
 Components are scaled by how far spectra differ in them, which makes z of order one: float32 is
 enough for the pixels, but not for the quadratic form, whose coefficients reach 1e8.
 
-This is what `local` computes exactly and far more slowly; it ranks materials as well, and a
-network can start from it. Plain torch operations of static shape in everything but sizes: the
-whole of it goes into an ONNX file.
+This is what `local` computes exactly and far more slowly; it ranks materials almost as well,
+and a network can start from it. Plain torch operations of static shape in everything but sizes:
+the whole of it goes into an ONNX file.
 """
 
 from typing import NamedTuple
@@ -124,7 +124,7 @@ def hypotheses(known: Known) -> Hypotheses:
     glow = glow * (1 - share)[:, None, None]
     emissivity = e.mean(dim=-1)
     glass = (1 - share)[:, None] * (1 - emissivity.repeat(2, 1))
-    centre = known.environment.mean(dim=0)
+    usual = known.environment.mean(dim=0)
     black = series[0].mean(dim=-1)
     over = (glass / sigma)[:, None]
     rim = share_sigma[:, None] * (known.sky_mean - black)
@@ -134,12 +134,12 @@ def hypotheses(known: Known) -> Hypotheses:
             over * known.skylight_spread,
             share[:, None, None] * (known.sky_spread / sigma),
             (rim / sigma)[:, None],
-            over * ((known.environment - centre) * lighting_scale(k)),
+            over * ((known.environment - usual) * lighting_scale(k)),
             glow[:, 1:],
         ],
         dim=1,
     )
-    mean = glow[:, 0] + over[:, 0] * centre + share[:, None] * known.sky_mean / sigma
+    mean = glow[:, 0] + over[:, 0] * usual + share[:, None] * known.sky_mean / sigma
     r, scale = k + TERMS, (known.basis**2).sum(dim=1).sqrt()
     basis = known.basis / scale[:, None]
     rows, error = rows @ basis.T, (glass * known.error / sigma) ** 2

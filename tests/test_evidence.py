@@ -605,3 +605,10 @@ def test_a_mirror_pays_for_what_it_can_imitate():
     known = world.known()
     log_p, _, _ = evidence(hypotheses(known), world.pixels(known))
     assert (log_p[1] > log_p[0]).all()
+
+
+def test_the_usual_temperature_is_that_of_most_pixels_whatever_they_are_made_of():
+    """Seen in its most opaque band, where e is near 1 and the surroundings are not hot."""
+    t = np.where(np.arange(400) < 390, 290.0, 400.0)
+    world = World(shape=(20, 20), temperature=t, depth=(0.3, 0.6))
+    assert world.known().prior_k[2].item() == pytest.approx(290, abs=1)

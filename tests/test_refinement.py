@@ -323,6 +323,20 @@ def test_a_black_body_has_the_temperature_of_its_own_light():
     assert abs(z.mean()) < 5 / np.sqrt(300) and abs(z.std() - 1) < 5 / np.sqrt(600)
 
 
+def test_what_is_typical_matters_where_the_pixel_does_not_know_better():
+    """A black body keeps its T; a mirror, which shows nothing of its own, takes the scene's."""
+    world = black(40)
+    typical = 0.8, 0.5
+    plain, pulled = Start(world).refine(), Start(world, typical=typical).refine()
+    assert (np.abs(plain.t - pulled.t) < 0.01 * plain.sigma + 1e-4).all()
+    w = np.array([7.0, 15.0])
+    mirror = MaterialLibrary(["mirror", "black"], w, [[1e-5] * 2, [1.0] * 2])
+    blank = World(library=mirror, sky=False, material=np.zeros(40, int), shape=(1, 40), k=3)
+    r = Start(blank, typical=typical).refine()
+    np.testing.assert_allclose(r.t, 0.8, atol=0.02)
+    np.testing.assert_allclose(r.sigma, 0.5, rtol=0.02)
+
+
 def test_errors_are_as_large_as_sigma_says():
     """Unbounded pixels of the right material: T's z-scores are standard normal."""
     n = 900
