@@ -14,7 +14,8 @@ All are measured on test scenes (other geometry, temperatures, skies) made of th
 refinement. DIR gets PART.safetensors, PART.json and, of all parts there, finetune.csv.
 
 Minutes of scenes are extrapolated from a few (TIMED), because most lie in the cache; minutes of
-training are those spent, shading included, on a machine that may be busy: draws are not.
+training are those spent on a machine that may be busy: draws are not. Shading counts as
+training, but for scratch, where it is left out.
 """
 
 import argparse
@@ -161,11 +162,12 @@ def _network(part, args, library, report):
     if part == "scratch":
         scenes = ReshadedSet(args.cache, "train", args.scratch_scenes, library)
         scenes.make(lambda n, of: report(n, of, "scenes"))
-        scenes = Shaded(scenes, args.cache / "shaded" / recipe.digest(library.emissivity), report)
+        folder = f"{scenes.folder.name}-{recipe.digest(library.wavelength_um, library.emissivity)}"
+        scenes = Shaded(scenes, args.cache / "shaded" / folder, report)
         lightning.seed_everything(0, verbose=False)
         steps = args.scratch_epochs * train.PER_EPOCH // train.TOGETHER
         module = train.Training(TeXNet(), steps)
-        what = ["scratch", str(scenes.paths[0]), args.scratch_scenes, args.scratch_epochs]
+        what = ["scratch", folder, args.scratch_scenes, args.scratch_epochs]
         train.fit(
             module, train.Draws(scenes, 0, train.SIDE), None,
             args.cache / "runs" / train.run_name(what), epochs=args.scratch_epochs,

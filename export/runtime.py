@@ -11,10 +11,10 @@ import numpy as np
 import onnxruntime
 
 from physics.errors import InputError
+from physics.known import bytes_per_pixel
 from physics.tiles import run_tiled
 
 TILE_BYTES = 1e9  # about
-COPIES = 6  # of spectra and beliefs, that live at once
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -66,7 +66,8 @@ class Runtime:
         """
         feeds = {"radiance": radiance, **known}
         feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
-        pixels = TILE_BYTES / _bytes_per_pixel(self._sizes(feeds))
+        self._check(feeds)
+        pixels = TILE_BYTES / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
         return run_tiled(
             lambda tile: self._answer(feeds | {"radiance": tile}),
@@ -78,8 +79,8 @@ class Runtime:
         maps = {output.name: a for output, a in maps}
         return maps | {"material": maps["material"].astype(np.int16)}
 
-    def _sizes(self, feeds):
-        """Size by name, after checking that the inputs are those of the file and agree."""
+    def _check(self, feeds):
+        """Raise InputError unless the inputs are those of the file, and agree."""
         expected = {i.name: i.shape for i in self._session.get_inputs()}
         if feeds.keys() != expected.keys():
             wrong = ", ".join(sorted(feeds.keys() ^ expected.keys()))
@@ -100,12 +101,5 @@ class Runtime:
         for size, most in self.about["limits"]["most"].items():
             if sizes[size] > most:
                 raise InputError(f"model: {size} must be at most {most}, got {sizes[size]}.")
-        if 0 in (sizes[s] for s in ("bands", "nodes", "k", "height", "width")):
+        if 0 in (sizes[s] for s in ("bands", "components", "nodes", "k", "height", "width")):
             raise InputError("model: an image, its bands and its environment must not be empty.")
-        return sizes
-
-
-def _bytes_per_pixel(sizes):
-    """Of products of components, of x of every hypothesis, of bands and of the network."""
-    x = 2 * sizes["materials"] * (sizes["k"] + 5)
-    return 4 * (sizes["components"] ** 2 + x + COPIES * (sizes["bands"] + sizes["materials"]))

@@ -39,7 +39,10 @@ INPUTS = {
     "error": (("bands",), f"{SPECTRUM}, what the environment is wrong by in every band"),
     "sky_mean": (("bands",), f"{SPECTRUM}, mean of the sky's pixels, 0 if none"),
     "prior_k": ((3,), "K, mean and standard deviation of T's prior, and the scene's usual T"),
-    "basis": (("components", "bands"), "orthonormal directions of noise-scaled spectra to look at"),
+    "basis": (
+        ("components", "bands"),
+        "orthogonal directions of noise-scaled spectra, each over the deviation along it",
+    ),
     "radiance": (("bands", "height", "width"), SPECTRUM),
 }
 OUTPUTS = {

@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from .known import MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
+from .known import COLDEST_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from .planck import radiance
 from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
 
@@ -143,12 +143,15 @@ def hypotheses(known: Known) -> Hypotheses:
     r, scale = k + TERMS, (known.basis**2).sum(dim=1).sqrt()
     basis = known.basis / scale[:, None]
     rows, error = rows @ basis.T, (glass * known.error / sigma) ** 2
-    gram = rows.transpose(1, 2) @ rows + (basis * error[:, None]) @ basis.T
-    lower, inverse = cholesky(gram, MAX_COMPONENTS)
-    whitened = inverse @ rows.transpose(1, 2)  # L^-1 U F'
-    of_d, of_x = whitened[:, :, :-r].transpose(1, 2), whitened[:, :, -r:].transpose(1, 2)
-    root, of_root = cholesky(-of_x @ of_x.transpose(1, 2), MAX_UNKNOWNS)
-    precision = of_root.transpose(1, 2) @ of_root
+    of_d, of_x = rows[:, :-r], rows[:, -r:]
+    gram = of_d.transpose(1, 2) @ of_d + (basis * error[:, None]) @ basis.T
+    # S^-1 without the difference in S, which would cancel
+    free = cholesky(gram, MAX_COMPONENTS)[1] @ of_x.transpose(1, 2)
+    precision = free.transpose(1, 2) @ free
+    root, _ = cholesky(precision, MAX_UNKNOWNS)
+    precision = precision + torch.eye(r, dtype=rows.dtype)
+    lower, inverse = cholesky(gram + of_x.transpose(1, 2) @ of_x, MAX_COMPONENTS)
+    of_d, of_x = of_d @ inverse.transpose(1, 2), of_x @ inverse.transpose(1, 2)  # (L^-1 U F')'
     centre = mean.mean(dim=0)
     means = (mean - centre) @ basis.T
     to_w = inverse / scale  # w = to_w z + w_0
@@ -158,7 +161,7 @@ def hypotheses(known: Known) -> Hypotheses:
         (to_w.transpose(1, 2) @ to_w).flatten(1), 2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
         prior - log_det(lower) - 0.5 * (w_0**2).sum(dim=(1, 2)),
         (of_x @ to_w).flatten(0, 1).float(), (of_x @ w_0)[..., 0].float(),
-        precision, -log_det(root), (of_d @ to_w).float(), (of_d @ w_0)[..., 0].float(),
+        precision, log_det(root), (of_d @ to_w).float(), (of_d @ w_0)[..., 0].float(),
         (of_d @ of_x.transpose(1, 2) @ precision).float(),
     )  # fmt: skip
 
@@ -199,7 +202,7 @@ def _planck_series(nodes_um, prior_k):
     t, w = np.polynomial.hermite_e.hermegauss(QUADRATURE)
     t, w = torch.from_numpy(t), torch.from_numpy(w / w.sum())
     value = torch.cat([torch.ones(1, QUADRATURE, dtype=t.dtype), hermite(t)[0]])
-    temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=30.0)
+    temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=COLDEST_K)
     b = radiance(nodes_um, temperature[:, None, None])
     return torch.einsum("di,ibn->dbn", w * value, b)
 

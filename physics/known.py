@@ -10,6 +10,7 @@ from .reduced import MIN_TEMPERATURE_SPREAD_K, scene_temperatures
 TERMS = 5  # of the series of Planck's law in `evidence`
 MAX_COMPONENTS = 24  # of the basis: as good as all bands, but for half a per cent of the pixels
 MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
+COLDEST_K = 30.0  # of T's prior
 HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
 SAMPLES = 6000  # pixels that the basis is made from
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
@@ -42,30 +43,36 @@ def known_arrays(cube, library, environment):
     sky_object = np.zeros(len(environment))
     sky_object[list(environment.sky)] = 1
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
-    basis = _basis(cube, curves.mean(axis=-1), environment, mean, spread)
+    s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64)
+    # usual: what pixels look like in their most opaque band
+    usual = np.median(brightness_temperature(cube.wavelength_um, s).max(axis=1))
+    basis = _basis(s / cube.sigma, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
-        prior_k=np.array([mean, spread, _typical_k(cube)]), basis=basis,
+        prior_k=np.array([mean, spread, usual]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
 
 
-def _typical_k(cube):
-    """The scene's usual T: the median of what pixels look like in their most opaque band."""
-    s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64)
-    return np.median(brightness_temperature(cube.wavelength_um, s).max(axis=1))
+def bytes_per_pixel(known):
+    """About what a pixel takes in evidence, network, refinement and texture, by known_arrays."""
+    materials, bands, nodes = known["emissivity"].shape
+    unknowns = len(known["environment"]) + TERMS
+    of_evidence = 8 * len(known["basis"]) ** 2 + 4 * 2 * materials * (unknowns + 6)
+    of_answer = 36 * unknowns**2 + 24 * (bands * nodes + materials)
+    return of_evidence + of_answer + 1000
 
 
-def _basis(cube, emissivity, environment, mean_k, spread_k):
+def _basis(s, cube, emissivity, environment, mean_k, spread_k):
     """(d, bands) the directions in which noise-scaled spectra differ most, over their deviation:
-    those of the cube's pixels, and those that any material of the library at any T, under any
-    light, may have."""
-    s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64) / cube.sigma
+    those of some pixels s (n, bands), and those that any material of the library at any T,
+    under any light, may have."""
     s = s - s.mean(axis=0)
-    glow = radiance(cube.wavelength_um, mean_k + spread_k * np.array([[-1], [0], [1]]))
+    t = np.maximum(mean_k + spread_k * np.array([[-1], [0], [1]]), COLDEST_K)
+    glow = radiance(cube.wavelength_um, t)
     light = np.concatenate([
         environment.radiance - environment.radiance.mean(axis=0), environment.spread,
         environment.skylight_spread,

@@ -11,8 +11,9 @@ t = (T - T_0) / tau, Eq. 4 costs, in nats over the evidence and with V on the si
 (T_0, tau cover the hottest pixel, for the series' sake; they are no good guess of a mirror's T.)
 V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull
 p = kappa V'_0 - (kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a
-constant. L'_2 is triangular, so its last rows are E of T alone, V being free: a first step of
-Newton's there. Every further step is one of T and V:
+constant. What the other priors change of the evidence's determinant belongs to E, too. L'_2 is
+triangular, so its last rows are E of T alone, V being free: a first step of Newton's there.
+Every further step is one of T and V:
 
 1. linearise c at the present T: mean and covariance, the inverse Fisher information, of (T, V);
 2. while some V_j < 0, condition this Gaussian on the most doubtful being zero (a rank-one
@@ -119,12 +120,15 @@ def refine(
         lean = -_times(solve, _times(vt, slope))  # dV / dt
         step, v, sigma = _bounded(step, v, covariance, lean, 1 / curvature)
         t = (t + step).clamp(-MAX_T, MAX_T)
-    off = hermite(t)[0] - c_2
+    _, curvature, c, _ = newton(t)
+    off = c - c_2
     in_v, in_t = _times(vv, v - v_2) + _times(vt, off), _times(tt, off)
-    energy = (in_v**2).sum(0) + (in_t**2).sum(0) - (hermite(t)[0] ** 2).sum(0)
+    energy = (in_v**2).sum(0) + (in_t**2).sum(0) - (c**2).sum(0)
     energy = energy + narrow * (t - typical[0]) ** 2
     energy = energy + precision * ((v_hat - v_0) ** 2).sum(0)
     energy = energy - (v_hat**2).sum(0) - (pull * pulled[:k]).sum(0)
+    # what T's other prior changes of the evidence, as determinant says it of V's
+    energy = energy + torch.log(curvature / (curvature - narrow + 1))
     return Refined(t, sigma, v, 0.5 * energy + of_rows(b.determinant, row))
 
 

@@ -612,3 +612,18 @@ def test_the_usual_temperature_is_that_of_most_pixels_whatever_they_are_made_of(
     t = np.where(np.arange(400) < 390, 290.0, 400.0)
     world = World(shape=(20, 20), temperature=t, depth=(0.3, 0.6))
     assert world.known().prior_k[2].item() == pytest.approx(290, abs=1)
+
+
+@pytest.mark.parametrize(("netd", "hot"), [(1e-3, 300.0), (0.01, 1500.0), (0.05, 2500.0)])
+def test_no_noise_and_one_fire_leave_numbers(netd, hot):
+    """T is known to a millionth of its prior then; and the prior reaches below absolute zero."""
+    temperature = np.where(np.arange(48) == 20, hot, 290.0)
+    world = World(bands=100, netd=netd, temperature=temperature)
+    known = world.known()
+    h = hypotheses(known)
+    log_p, x, _ = evidence(h, world.pixels(known))
+    assert all(torch.isfinite(a).all() for a in (*h, log_p, x))
+    usual = np.arange(48) != 20
+    right = (torch.logsumexp(log_p.reshape(2, 6, -1), 0).argmax(0).numpy() == world.material)[usual]
+    # at 2500 K the prior of T is 440 K wide, which five terms of B do not span
+    assert right.mean() > (0.9 if hot < 2000 else 0.5)

@@ -15,12 +15,11 @@ from conftest import small_library
 
 import texnet
 from export import Runtime
-from export.runtime import _bytes_per_pixel
 from export.to_onnx import export_onnx
 from physics import Environment, HeatCube, InputError
 from physics.eq1 import render
 from physics.evidence import Known
-from physics.known import known_arrays
+from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, radiance
 from texnet.learned import shipped_network
 from texnet.model import TeXModel
@@ -135,7 +134,7 @@ def test_the_network_part_matters(network, runtime):
 def test_tiles_do_not_show(runtime, monkeypatch, pixels):
     image, known = scene(shape=(61, 75), bands=9)
     whole = runtime.run(image, known)
-    per_pixel = _bytes_per_pixel(runtime._sizes({"radiance": image, **known}))
+    per_pixel = bytes_per_pixel(known)
     monkeypatch.setattr("export.runtime.TILE_BYTES", pixels * per_pixel)
     done = []
     tiled = runtime.run(image, known, lambda n, of: done.append((n, of)))

@@ -14,7 +14,7 @@ from traced import one_thread  # noqa: F401
 
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.planck import radiance
-from physics.refinement import GUESS_PRECISION, TYPICAL_K
+from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
 from texnet.model import TeXModel
 
 SHAPE = (12, 15)
@@ -40,7 +40,7 @@ def under_a_sky(world, rows=3):
     return world.cube_of(s), sky
 
 
-def answer(known, cube, net=None, steps=3):
+def answer(known, cube, net=None, steps=STEPS):
     model = TeXModel(network() if net is None else net, steps)
     return model(known, torch.from_numpy(cube.radiance.copy()))
 
@@ -61,7 +61,7 @@ def assert_sound(tex, materials, k, bands, shape):
     assert tex.unknown.dtype == torch.bool and tex.material.dtype == torch.int64
 
 
-@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize("steps", [0, STEPS])
 def test_ground_is_lit_by_the_objects_and_sky_by_nothing(steps):
     world = world_of()
     cube, sky = under_a_sky(world)
@@ -132,7 +132,7 @@ def test_refinement_lowers_the_cost_of_what_the_network_proposes():
     world = world_of(seed=3, k=4, sky=False, material=blocks_of(range(6)))
     known, net = world.known(), network(3)
     guess = predict(net, known, world.cube).log_lighting.exp().flatten(1).T.double().numpy()
-    before, after = (answer(known, world.cube, net, steps) for steps in (0, 3))
+    before, after = (answer(known, world.cube, net, steps) for steps in (0, STEPS))
     mean, deviation, usual = known.prior_k.double().tolist()
     typical = (usual - mean) / deviation, TYPICAL_K / deviation
     of = [cost(one, s, g, GUESS_PRECISION, typical) for one, s, g in zip(
@@ -234,7 +234,7 @@ def test_nothing_is_called_sky_where_none_is_in_view():
         assert (tex.material != world.library.sky_index).all()
 
 
-@pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.parametrize("steps", [0, STEPS])
 @pytest.mark.parametrize(
     "case",
     ["constant", "one pixel", "two materials", "few bands", "no sky", "coarse"],

@@ -14,11 +14,12 @@ from traced import one_thread  # noqa: F401
 
 import physics.reduced as reduced
 from physics import MaterialLibrary
-from physics.evidence import TERMS, evidence, hypotheses
+from physics.evidence import evidence, hermite, hypotheses
+from physics.known import TERMS
 from physics.local import solve_given, solve_local
 from physics.planck import radiance, radiance_derivative
 from physics.reduced import reduce_model
-from physics.refinement import STEPS, Refined, blocks, deviations, refine
+from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, refine
 
 
 class Start:
@@ -59,7 +60,12 @@ class Start:
         docstring's cost."""
         gauss = [one.occam() - one.log_density(self.s.numpy()) for one in every]
         least = torch.from_numpy(np.array(gauss)).gather(0, self.row)
-        return (least - self.blocks.determinant[self.row]).T.numpy() + r.energy
+        _, slope = hermite(torch.from_numpy(r.t.T))  # and of T's prior
+        tt = of_rows(self.blocks.tt.double(), self.row)
+        known = ((tt * slope).sum(1) ** 2).sum(0) - (slope[1:] ** 2).sum(0)
+        other = known - 1 + self.typical[1] ** -2
+        of_t = 0.5 * torch.log(other / known).T.numpy()
+        return (least - self.blocks.determinant[self.row]).T.numpy() + r.energy - of_t
 
 
 def cost(one, s, guess, precision, typical=(0.0, 1.0)):

@@ -23,7 +23,7 @@ __all__ = ["Decomposition", "decompose"]
 
 
 def __getattr__(name):
-    # Lazy, because the pipeline loads numba and the command line must start at once.
+    # Lazy, because the pipeline loads sklearn and the command line must start at once.
     if name in __all__:
         from importlib import import_module
 

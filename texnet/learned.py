@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from physics.evidence import Known
+from physics.known import bytes_per_pixel
 from physics.refinement import STEPS
 from physics.tiles import run_tiled
 
@@ -14,7 +15,7 @@ from .model import TeX, TeXModel
 from .weights import load_network
 
 WEIGHTS = "texnet.safetensors"  # in texnet/data
-TILE_PIXELS = 256 * 256  # of some 10 kB each
+TILE_BYTES = 1e9  # about
 
 
 def torch_model(refined=True, network=None):
@@ -35,7 +36,8 @@ def torch_model(refined=True, network=None):
             return maps | {"material": maps["material"].astype("int16")}
 
         cell = network.config["stride"]
-        return run_tiled(tile, radiance, network.halo, TILE_PIXELS, progress, cell)
+        pixels = TILE_BYTES / bytes_per_pixel(known)
+        return run_tiled(tile, radiance, network.halo, pixels, progress, cell)
 
     return run
 

@@ -2,8 +2,9 @@
 
 This is `net+sgd`, and what `export` writes into an ONNX file. The network proposes: log
 probabilities of all materials, T, V. Refinement solves Eq. 6 from there for the likeliest
-hypotheses (material, pure or partly sky), and what a hypothesis loses by V's bounds and by
-Planck's law counts against it as much as the network trusts the pixel's evidence:
+hypotheses (material, pure or partly sky), and what a hypothesis loses by V's bounds, by
+Planck's law and by T's distance from what is usual counts against it as much as the network
+trusts the pixel's evidence:
 
     log p(h)  <-  log p_net(h) - a E_h
 
@@ -73,11 +74,12 @@ class TeXModel(nn.Module):
         x = _pick(s.x, row).transpose(0, 1)
         t = (net.temperature_k.flatten() - known.prior_k[0]) / known.prior_k[1]
         guess = net.log_lighting.flatten(1).exp()
+        narrow = TYPICAL_K / known.prior_k[1]
         if self.steps:
             typical = (known.prior_k[2] - known.prior_k[0]) / known.prior_k[1]
-            r = refine(b, x, row, t, guess, (typical, TYPICAL_K / known.prior_k[1]), self.steps)
+            r = refine(b, x, row, t, guess, (typical, narrow), self.steps)
         else:
-            r = _unrefined(b, row, t, guess)
+            r = _unrefined(b, row, t, guess, narrow)
         score = score - trust * r.energy
         # those that were not refined would lose at least as much as the best of these
         log_row = log_row - trust * r.energy.amin(0)
@@ -119,9 +121,11 @@ class TeXModel(nn.Module):
         )  # fmt: skip
 
 
-def _unrefined(b, row, t, lighting):
-    """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds."""
-    sigma = of_rows((b.tt_solve[:, 0] ** 2).sum(1).sqrt(), row)
+def _unrefined(b, row, t, lighting, narrow):
+    """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds, by
+    the prior that refinement has."""
+    known = (b.tt_solve[:, 0] ** 2).sum(1) ** -1 - 1 + narrow**-2
+    sigma = of_rows(known**-0.5, row)
     lighting = lighting[:, None].expand(-1, *row.shape)
     return Refined(t.expand(row.shape), sigma, lighting, torch.zeros_like(sigma))
 

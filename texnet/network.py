@@ -11,7 +11,7 @@ environment permutes the answer.
     features   of a pixel, dimensionless: brightness temperatures, evidence, codes believed in
     trunk      3 x 3 convolutions with growing dilation, over cells of 2 x 2 pixels; what they
                see of the surroundings is added to each pixel's own
-    material   logits = a log p(s | m) + q . code_m + messages from the neighbours, a and q
+    material   logits = a log p(z | m) + q . code_m + messages from the neighbours, a and q
                from the trunk; messages are the neighbours' own beliefs, weighted by the trunk
     T          belief-weighted mean of the materials' T, plus an offset
     V          softmax over the objects of b log V^ + r . code_j, V^ the likeliest material's
