@@ -37,6 +37,7 @@ VARIANTS = {
     "physics only": {"terms": "physics"},
 }
 EPOCHS, SEED = 6, 0
+OFF_SCALE = 2.0  # nats
 
 
 class Together(train.Training):
@@ -121,14 +122,22 @@ def _draw(rows, path):
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axis = pyplot.subplots(figsize=(6, 4), layout="constrained")
-    for r in rows:
-        at = r["multiply_adds_per_pixel"], r["cross_entropy"]
-        axis.errorbar(*at, r["standard_error"], fmt="o", capsize=2)
-        axis.annotate(f" {r['variant']} ({r['parameters'] / 1e3:.0f} k)", at, fontsize=8)
-    axis.set(
-        xscale="log", xlabel="multiply-adds per pixel", ylabel="validation cross entropy (nats)"
-    )
+    figure, axes = pyplot.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout="constrained")
+    costs = {"parameters": "parameters", "multiply_adds_per_pixel": "multiply-adds per pixel"}
+    for axis, (cost, label) in zip(axes, costs.items(), strict=True):
+        for i, r in enumerate(rows):
+            said = f"{i + 1}  {r['variant']}: {r['cross_entropy']:.2f}"
+            if r["cross_entropy"] > OFF_SCALE:
+                axis.plot([], [], " ", label=f"{said}, off the scale")
+                continue
+            at = r[cost], r["cross_entropy"]
+            axis.errorbar(*at, r["standard_error"], fmt="o", capsize=2, color=f"C{i % 10}",
+                          label=said)  # fmt: skip
+            axis.annotate(i + 1, at, xytext=(4, 4), textcoords="offset points", fontsize=9)
+        axis.set(xscale="log", xlabel=label)
+    axes[0].set(ylabel="validation cross entropy (nats)")
+    figure.legend(*axes[1].get_legend_handles_labels(), loc="outside right center", fontsize=8,
+                  title="nats")  # fmt: skip
     figure.savefig(path, dpi=110)
 
 
