@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from .known import COLDEST_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
+from .known import COLDEST_PRIOR_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from .planck import radiance
 from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
 
@@ -202,7 +202,7 @@ def _planck_series(nodes_um, prior_k):
     t, w = np.polynomial.hermite_e.hermegauss(QUADRATURE)
     t, w = torch.from_numpy(t), torch.from_numpy(w / w.sum())
     value = torch.cat([torch.ones(1, QUADRATURE, dtype=t.dtype), hermite(t)[0]])
-    temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=COLDEST_K)
+    temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=COLDEST_PRIOR_K)
     b = radiance(nodes_um, temperature[:, None, None])
     return torch.einsum("di,ibn->dbn", w * value, b)
 

@@ -8,9 +8,9 @@ from .planck import brightness_temperature, noise_sigma, radiance
 from .reduced import MIN_TEMPERATURE_SPREAD_K, scene_temperatures
 
 TERMS = 5  # of the series of Planck's law in `evidence`
-MAX_COMPONENTS = 24  # of the basis: as good as all bands, but for half a per cent of the pixels
+MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
 MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
-COLDEST_K = 30.0  # of T's prior
+COLDEST_PRIOR_K = 30.0
 HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
 SAMPLES = 6000  # pixels that the basis is made from
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
@@ -71,7 +71,7 @@ def _basis(s, cube, emissivity, environment, mean_k, spread_k):
     those of some pixels s (n, bands), and those that any material of the library at any T,
     under any light, may have."""
     s = s - s.mean(axis=0)
-    t = np.maximum(mean_k + spread_k * np.array([[-1], [0], [1]]), COLDEST_K)
+    t = np.maximum(mean_k + spread_k * np.array([[-1], [0], [1]]), COLDEST_PRIOR_K)
     glow = radiance(cube.wavelength_um, t)
     light = np.concatenate([
         environment.radiance - environment.radiance.mean(axis=0), environment.spread,

@@ -74,12 +74,12 @@ class TeXModel(nn.Module):
         x = _pick(s.x, row).transpose(0, 1)
         t = (net.temperature_k.flatten() - known.prior_k[0]) / known.prior_k[1]
         guess = net.log_lighting.flatten(1).exp()
-        narrow = TYPICAL_K / known.prior_k[1]
+        width = TYPICAL_K / known.prior_k[1]
         if self.steps:
             typical = (known.prior_k[2] - known.prior_k[0]) / known.prior_k[1]
-            r = refine(b, x, row, t, guess, (typical, narrow), self.steps)
+            r = refine(b, x, row, t, guess, (typical, width), self.steps)
         else:
-            r = _unrefined(b, row, t, guess, narrow)
+            r = _unrefined(b, row, t, guess, width)
         score = score - trust * r.energy
         # those that were not refined would lose at least as much as the best of these
         log_row = log_row - trust * r.energy.amin(0)
@@ -121,10 +121,10 @@ class TeXModel(nn.Module):
         )  # fmt: skip
 
 
-def _unrefined(b, row, t, lighting, narrow):
+def _unrefined(b, row, t, lighting, width):
     """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds, by
     the prior that refinement has."""
-    known = (b.tt_solve[:, 0] ** 2).sum(1) ** -1 - 1 + narrow**-2
+    known = (b.tt_solve[:, 0] ** 2).sum(1) ** -1 - 1 + width**-2
     sigma = of_rows(known**-0.5, row)
     lighting = lighting[:, None].expand(-1, *row.shape)
     return Refined(t.expand(row.shape), sigma, lighting, torch.zeros_like(sigma))
