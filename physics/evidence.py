@@ -80,7 +80,8 @@ class Hypotheses(NamedTuple):
 
     share (R,) alpha; emissivity (materials, bands) band means; rim (R, bands) what one standard
     deviation of alpha changes, W m-2 sr-1 um-1; centre (bands,) and look (d, bands):
-    z = look (s - centre); square (R, d d), slope (R, d) and offset (R,) of the evidence in z;
+    z = look (s - centre); square (R, n (n + 1) / 2) of the products of n = MAX_COMPONENTS >= d z_i,
+    slope (R, d) and offset (R,) of the evidence in z;
     to_x (R r, d) and x_0 (R, r): x^ in z; precision (R, r, r) S^-1 and half its log_det (R,);
     to_deviation (R, q - r, d), deviation_0 (R, q - r) and lean (R, q - r, r): the likeliest
     deviations are to_deviation z + deviation_0 - lean (x - x^). precision and what is for the
@@ -158,7 +159,7 @@ def hypotheses(known: Known) -> Hypotheses:
     w_0 = -(inverse @ means[..., None])
     return Hypotheses(
         share.float(), emissivity.float(), rim.float(), centre.float(), known.basis.float(),
-        (to_w.transpose(1, 2) @ to_w).flatten(1), 2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
+        _of_products(to_w.transpose(1, 2) @ to_w), 2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
         prior - log_det(lower) - 0.5 * (w_0**2).sum(dim=(1, 2)),
         (of_x @ to_w).flatten(0, 1).float(), (of_x @ w_0)[..., 0].float(),
         precision, log_det(root), (of_d @ to_w).float(), (of_d @ w_0)[..., 0].float(),
@@ -183,9 +184,22 @@ def evidence(h: Hypotheses, s):
     """log p(z | h) (R, P), x^ (R, r, P) and z (d, P) of noise-scaled spectra s (bands, P)."""
     z = h.look @ (s - h.centre[:, None])
     d = z.double()
-    log_p = h.offset[:, None] - 0.5 * (h.square @ (d[:, None] * d).flatten(0, 1) + h.slope @ d)
+    log_p = h.offset[:, None] - 0.5 * (h.square @ _products(d) + h.slope @ d)
     x = torch.addmm(h.x_0.reshape(-1, 1), h.to_x, z).reshape(*h.x_0.shape, -1)
     return log_p.to(s.dtype), x, z
+
+
+def _products(z):
+    """(n (n + 1) / 2, P) products z_i z_j, i <= j < n = MAX_COMPONENTS, of z (d, P), d <= n."""
+    z = torch.eye(MAX_COMPONENTS, z.shape[0], dtype=z.dtype) @ z
+    return torch.cat([z[i : i + 1] * z[i:] for i in range(MAX_COMPONENTS)])
+
+
+def _of_products(form):
+    """(R, n (n + 1) / 2) what multiplies `_products` in quadratic forms (R, d, d)."""
+    pad = torch.eye(MAX_COMPONENTS, form.shape[1], dtype=form.dtype)
+    form = pad @ (form * (2 - torch.eye(form.shape[1], dtype=form.dtype))) @ pad.T
+    return torch.cat([form[:, i, i:] for i in range(MAX_COMPONENTS)], dim=1)
 
 
 def hermite(t):

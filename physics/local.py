@@ -12,7 +12,9 @@ the prior's, which is how the solver says that it cannot know.
 
     energy_m = J + occam_m = -log evidence of material m
 
-The answer is the material of least energy, with its T and V.
+The answer is the material of least energy, with its T and V. `unbounded` solves every
+hypothesis first as if V might be negative. Where none is, that is the answer; elsewhere it gives
+a lower bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it.
 """
 
 from dataclasses import dataclass
@@ -21,9 +23,14 @@ import numba
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from . import unbounded
+from .planck import brightness_temperature
 from .reduced import ReducedModel
 
 PIXELS_PER_BLOCK = 4096
+# More than neighbours (at most 4 BETA) and the materials' shares in a scene (some 14) can make
+# up for in `semiglobal`; e^-26 of the probability
+HOPELESS = 26.0  # nats
 _NEWTON_STEPS = 40
 _TAU_TOLERANCE = 1e-6
 
@@ -33,7 +40,7 @@ class LocalSolution:
     """Every material's answer, for P pixels and L materials (library order, sky included).
 
     energy         (P, L) float32, -log evidence up to one constant; +inf for the sky where
-                   there is none in view
+                   there is none in view; beyond HOPELESS nats above the least, a lower bound
     temperature_k  (P, L) float32, K; of the sky, the prior's
     sigma_k        (P, L) float32, one standard deviation of T given m, K
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
@@ -51,28 +58,27 @@ def solve_local(model: ReducedModel, spectra, progress=None) -> LocalSolution:
 
     progress, if given, is called as progress(pixels done, pixels).
     """
-    shape = (len(spectra), len(model.library))
+    pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
     temperature = np.full(shape, model.prior_mean_k, np.float32)
     sigma = np.full(shape, model.prior_sigma_k, np.float32)
     row = np.zeros(shape, np.int16)
-    weight, mean = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
-    for start in range(0, len(spectra), PIXELS_PER_BLOCK):
-        block = slice(start, min(start + PIXELS_PER_BLOCK, len(spectra)))
-        h, constant = model.inner_products(spectra[block] / model.sigma)
-        value, tau, curvature = np.empty((3, *h.shape[:2]))
+    prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
+    of_t = model.terms, model.k, model.half_k, *prior
+    linear, square = model.of_all()
+    tables = tuple(unbounded.tables(model.gram, model.terms))
+    middle = len(model.sigma) // 2
+    seen = np.maximum(spectra[:, middle].astype(np.float64), 1e-9)
+    start_k = brightness_temperature(model.wavelength_um[middle], seen)
+    for start in range(0, pixels, PIXELS_PER_BLOCK):
+        block = slice(start, min(start + PIXELS_PER_BLOCK, pixels))
         _solve_all(
-            h, model.gram, model.terms, model.k, model.half_k, weight, mean, value, tau, curvature
-        )
-        value += constant + model.occam
-        for r, m in enumerate(model.material):
-            better = value[:, r] < energy[block, m]
-            energy[block, m][better] = value[better, r]
-            temperature[block, m][better] = model.mid_k + model.half_k * tau[better, r]
-            sigma[block, m][better] = curvature[better, r] ** -0.5
-            row[block, m][better] = r
+            spectra[block], start_k[block], model.sigma, linear, square, model.gram, tables, *of_t,
+            model.material, model.mid_k,
+            energy[block], temperature[block], sigma[block], row[block],
+        )  # fmt: skip
         if progress:
-            progress(block.stop, len(spectra))
+            progress(block.stop, pixels)
     return LocalSolution(energy, temperature, sigma, row)
 
 
@@ -206,6 +212,7 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     """T (as tau) and V of one pixel and one material; returns J less its constant, tau, J''.
 
     weight, mean   quadratic on T: weight (T - mean)^2 / 2, with mean measured from mid_k
+    v, free        V to start from, on the simplex, and which V_j are not held at zero
     J''            curvature in T with V eliminated, 1/K^2: 1 / sigma_T^2
     """
     p, dp, ddp, a = work[0], work[1], work[2], work[3]
@@ -214,9 +221,6 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     best = np.inf
     curvature = 0.0
     step = 0.0
-    for i in range(k):
-        v[i] = 1.0 / k
-        free[i] = True
     for _ in range(_NEWTON_STEPS):
         p[0], dp[0], ddp[0] = 1.0, 0.0, 0.0
         if n > 1:
@@ -289,19 +293,90 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
 
 
 @numba.njit(cache=True, parallel=True, fastmath=False)
-def _solve_all(h, gram, n, k, half, weight, mean, energy, tau, curvature):
-    pixels, materials, r = h.shape
-    size = max(n, k) + 1
-    for pixel in numba.prange(pixels):
-        work = np.empty((8 + k, size))
-        v, free = np.empty(k), np.empty(k, np.bool_)
-        start = 0.0
-        for m in range(materials):
-            start = min(max(mean / half, -0.9), 0.9) if m == 0 else start
-            energy[pixel, m], tau[pixel, m], curvature[pixel, m] = _solve(
-                h[pixel, m], gram[m], n, k, half, weight, mean, start, v, free, work
-            )
-            start = tau[pixel, m]
+def _solve_all(
+    spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material, mid,
+    energy, temperature, sigma, row,
+):  # fmt: skip
+    """All hypotheses of P pixels, LANES at a time: `solve_local` from plain arrays."""
+    pixels, bands, rows, lanes = len(spectra), len(noise), len(gram), unbounded.LANES
+    for chunk in numba.prange((pixels + lanes - 1) // lanes):
+        s, squared = np.ones((bands + 1, lanes)), np.ones((bands + 1, lanes))
+        count = min(lanes, pixels - chunk * lanes)
+        for j in range(bands):
+            for p in range(count):
+                s[j, p] = spectra[chunk * lanes + p, j] / noise[j]
+                squared[j, p] = s[j, p] ** 2
+        deflated = np.empty((linear.shape[1], lanes))
+        scratch, start, x = np.empty((n + k + 10, lanes)), np.zeros(lanes), np.empty(lanes)
+        for p in range(count):
+            start[p] = (start_k[chunk * lanes + p] - mid) / half
+        h, v = np.empty((rows, n + k, lanes)), np.empty((rows, k, lanes))
+        constant, value, bound, tau, curvature = np.empty((5, rows, lanes))
+        for r in range(rows):
+            unbounded.times(linear[r], s, deflated)
+            unbounded.times(square[r : r + 1], squared, constant[r : r + 1])
+            for i in range(n + k, len(deflated)):
+                for p in range(lanes):
+                    constant[r, p] -= 0.5 * deflated[i, p] * deflated[i, p]
+            h[r] = deflated[: n + k]
+            value[r], x[:] = constant[r], start
+            unbounded.solve_unbounded(
+                h[r], r, tables, n, k, half, weight, mean, x, scratch, value[r], bound[r],
+                curvature[r], v[r],
+            )  # fmt: skip
+            tau[r] = x
+        work, own = np.empty((8 + k, max(n, k) + 1)), np.empty(n + k)
+        at, free = np.empty(k), np.empty(k, np.bool_)
+        for p in range(count):
+            _bounded(
+                p, h, gram, n, k, half, weight, mean, constant, value, bound, tau, curvature, v,
+                at, free, own, work,
+            )  # fmt: skip
+            pixel = chunk * lanes + p
+            for r in range(rows):
+                m = material[r]
+                if value[r, p] < energy[pixel, m]:
+                    energy[pixel, m] = value[r, p]
+                    temperature[pixel, m] = mid + half * tau[r, p]
+                    sigma[pixel, m] = curvature[r, p] ** -0.5
+                    row[pixel, m] = r
+
+
+@numba.njit(cache=True, fastmath=False)
+def _bounded(
+    p, h, gram, n, k, half, weight, mean, constant, value, bound, tau, curvature, v,
+    at, free, own, work,
+):  # fmt: skip
+    """Put V's bounds on what `solve_unbounded` found for pixel p, most promising row first."""
+    best = np.inf
+    for r in range(len(value)):
+        if value[r, p] == bound[r, p] and value[r, p] > -np.inf:
+            best = min(best, value[r, p])
+            bound[r, p] = np.inf  # done
+    while True:
+        least, r = best + HOPELESS, -1
+        for i in range(len(value)):
+            if bound[i, p] < least:
+                least, r = bound[i, p], i
+        if r < 0:
+            break
+        total = 0.0
+        for j in range(k):
+            at[j] = max(v[r, j, p], 0.0)
+            free[j] = at[j] > 0.0
+            total += at[j]
+        for j in range(k):
+            at[j] /= total
+        own[:] = h[r, :, p]
+        value[r, p], tau[r, p], curvature[r, p] = _solve(
+            own, gram[r], n, k, half, weight, mean, tau[r, p], at, free, work
+        )
+        value[r, p] += constant[r, p]
+        best = min(best, value[r, p])
+        bound[r, p] = np.inf
+    for r in range(len(value)):
+        if bound[r, p] < np.inf:
+            value[r, p] = bound[r, p]
 
 
 @numba.njit(cache=True, parallel=True, fastmath=False)
@@ -309,7 +384,8 @@ def _solve_given(h, gram, n, k, half, weight, mean, energy, tau, curvature, ligh
     size = max(n, k) + 1
     for pixel in numba.prange(len(h)):
         work = np.empty((8 + k, size))
-        free = np.empty(k, np.bool_)
+        free = np.ones(k, np.bool_)
+        lighting[pixel] = 1.0 / k
         start = min(max(tau[pixel], -1.0), 1.0)
         energy[pixel], tau[pixel], curvature[pixel] = _solve(
             h[pixel], gram, n, k, half, weight[pixel], mean[pixel], start,

@@ -100,16 +100,22 @@ class ReducedModel:
     prior_mean_k: float
     prior_sigma_k: float
 
-    def inner_products(self, s, row=slice(None)):
-        """h (P, R, r) and the constant of J (P, R) for noise-scaled spectra s (P, bands).
-
-        row picks hypotheses; a single index drops that axis.
-        """
-        deflate, scale = self.deflate[:, row], self.scale[row]
-        h = np.tensordot(s, self.project[:, row], 1) + self.offset[row]
+    def inner_products(self, s, row):
+        """h (P, r) and the constant of J (P,) of one hypothesis for noise-scaled s (P, bands)."""
+        h = s @ self.project[:, row] + self.offset[row]
         # the last part is that of the prior on V: precision |1/k|^2 = 3 k / k
-        constant = 0.5 * (s * s) @ (scale * scale).T + 0.5 * V_PRECISION
-        return h, constant - 0.5 * (np.tensordot(s, deflate, 1) ** 2).sum(axis=-1)
+        constant = 0.5 * (s * s) @ self.scale[row] ** 2 + 0.5 * V_PRECISION
+        return h, constant - 0.5 * ((s @ self.deflate[:, row]) ** 2).sum(axis=1)
+
+    def of_all(self):
+        """What takes (s, 1) to h and deflate' s, (R, r + d, bands + 1), and (s * s, 1) to the
+        rest of J's constant with occam, (R, bands + 1)."""
+        linear = np.concatenate([self.project, self.deflate], axis=2).transpose(1, 2, 0)
+        last = np.pad(self.offset, ((0, 0), (0, self.deflate.shape[2])))
+        linear = np.concatenate([linear, last[..., None]], axis=2)
+        square = np.pad(0.5 * self.scale**2, ((0, 0), (0, 1)), constant_values=0.5 * V_PRECISION)
+        square[:, -1] += self.occam
+        return np.ascontiguousarray(linear), square
 
 
 def reduce_model(

@@ -30,7 +30,7 @@ from torch.nn import functional
 from .evidence import Hypotheses, cholesky, hermite, lighting_scale, log_det
 from .known import MAX_UNKNOWNS, TERMS
 
-STEPS = 2
+FREE_STEPS, STEPS = 2, 1
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
 TYPICAL_K = 9.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
@@ -96,11 +96,12 @@ def refine(
     """
     k = guess.shape[0]
     scale = lighting_scale(k)
-    vv, vt, tt, solve = (of_rows(a, row) for a in (b.vv, b.vt, b.tt, b.solve))
+    hot = one_hot(row, b.determinant.shape[0])
+    vv, vt, tt, solve = (of_rows(a, hot) for a in (b.vv, b.vt, b.tt, b.solve))
     narrow = typical[1] ** -2
     v_hat, v_0 = x[:k], ((guess - 1 / k) / scale)[:, None]
     pull = precision * v_0 - (precision - 1) * v_hat
-    pulled = _times(of_rows(b.pulled, row), pull)
+    pulled = _times(of_rows(b.pulled, hot), pull)
     c_2, v_2 = (x + pulled)[k:], (x + pulled)[:k] * scale + 1 / k
 
     def newton(t):
@@ -112,8 +113,9 @@ def refine(
         return (force / curvature).clamp(-MAX_STEP, MAX_STEP), curvature, c, slope
 
     t = t.expand(row.shape).clamp(-MAX_T, MAX_T)
-    t = (t + newton(t)[0]).clamp(-MAX_T, MAX_T)
-    covariance = of_rows(b.covariance, row)
+    for _ in range(FREE_STEPS):
+        t = (t + newton(t)[0]).clamp(-MAX_T, MAX_T)
+    covariance = of_rows(b.covariance, hot)
     for _ in range(steps):
         step, curvature, c, slope = newton(t)
         v = v_2 - _times(solve, _times(vt, c + slope * step - c_2))
@@ -129,18 +131,19 @@ def refine(
     energy = energy - (v_hat**2).sum(0) - (pull * pulled[:k]).sum(0)
     # what T's other prior changes of the evidence, as determinant says it of V's
     energy = energy + torch.log(curvature / (curvature - narrow + 1))
-    return Refined(t, sigma, v, 0.5 * energy + of_rows(b.determinant, row))
+    return Refined(t, sigma, v, 0.5 * energy + of_rows(b.determinant, hot))
 
 
-def deviations(h: Hypotheses, z, x, row, t, lighting):
+def deviations(h: Hypotheses, z, x, hot, t, lighting):
     """(q - r, P) likeliest coefficients of the deviations, in the order of the rows of F.
 
-    z (d, P) and x (r, P) by `evidence` of the hypotheses row (P,), at t (P,) and lighting (k, P).
+    z (d, P) and x (r, P) by `evidence` of the hypotheses that are hot (R, P), at t (P,) and
+    lighting (k, P).
     """
     k = lighting.shape[0]
     at = torch.cat([(lighting - 1 / k) / lighting_scale(k), hermite(t)[0]])
-    likeliest = _times(of_rows(h.to_deviation, row), z) + of_rows(h.deviation_0, row)
-    return likeliest - _times(of_rows(h.lean, row), at - x)
+    likeliest = _times(of_rows(h.to_deviation, hot), z) + of_rows(h.deviation_0, hot)
+    return likeliest - _times(of_rows(h.lean, hot), at - x)
 
 
 def _bounded(step, v, covariance, lean, variance):
@@ -167,6 +170,15 @@ def _times(a, x):
     return (a * x).sum(1)
 
 
-def of_rows(x, row):
-    """x (R, *size) of the hypotheses row (...) -> (*size, ...)."""
-    return x.movedim(0, -1).index_select(-1, row.flatten()).unflatten(-1, row.shape)
+def one_hot(row, n):
+    """(n, ...) float32 1 where row (...) is that index, else 0."""
+    return (torch.arange(n).reshape(-1, *(1,) * row.ndim) == row).float()
+
+
+def of_rows(x, hot):
+    """Finite x (R, *size) of the hypotheses that are hot (R, ...) -> (*size, ...).
+
+    A matrix product, several times faster than indexing; exact.
+    """
+    picked = x.reshape(x.shape[0], -1).T @ hot.flatten(1)
+    return picked.reshape(*x.shape[1:], *hot.shape[1:])

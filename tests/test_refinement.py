@@ -19,7 +19,7 @@ from physics.known import TERMS
 from physics.local import solve_given, solve_local
 from physics.planck import radiance, radiance_derivative
 from physics.reduced import reduce_model
-from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, refine
+from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, one_hot, refine
 
 
 class Start:
@@ -61,7 +61,7 @@ class Start:
         gauss = [one.occam() - one.log_density(self.s.numpy()) for one in every]
         least = torch.from_numpy(np.array(gauss)).gather(0, self.row)
         _, slope = hermite(torch.from_numpy(r.t.T))  # and of T's prior
-        tt = of_rows(self.blocks.tt.double(), self.row)
+        tt = of_rows(self.blocks.tt.double(), one_hot(self.row, len(self.blocks.tt)).double())
         known = ((tt * slope).sum(1) ** 2).sum(0) - (slope[1:] ** 2).sum(0)
         other = known - 1 + self.typical[1] ** -2
         of_t = 0.5 * torch.log(other / known).T.numpy()
@@ -407,7 +407,8 @@ def test_deviations_of_the_surroundings_are_found_where_they_show():
     mean, prior, _ = start.known.prior_k
     t = (torch.as_tensor(world.temperature).float() - mean) / prior
     lighting = torch.as_tensor(world.lighting).float().T
-    found = deviations(start.h, start.z, start.x_row[:, 0], start.row[0], t, lighting).T
+    hot = one_hot(start.row[0], len(start.h.share))
+    found = deviations(start.h, start.z, start.x_row[:, 0], hot, t, lighting).T
     one = dense(start.known)[0]
     f = one.F[: one.d] / np.sqrt(one.D)
     rest = start.s.numpy() - np.array(

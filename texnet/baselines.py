@@ -4,9 +4,6 @@ Every picture that TeX vision makes is compared with these three.
 """
 
 import numpy as np
-import torch
-from kornia.enhance import equalize_clahe
-from sklearn.decomposition import PCA
 
 from .metrics import correlation, non_sky
 from .stretch import stretch
@@ -28,6 +25,9 @@ def clahe(picture):
 
     Clip limit 2 over at most 8 x 8 tiles, the usual defaults; tiles of 16 pixels or more.
     """
+    import torch  # which takes a second to load
+    from kornia.enhance import equalize_clahe
+
     unit = torch.from_numpy(stretch(picture).astype(np.float32))
     grid = tuple(max(1, min(8, n // 16)) for n in picture.shape)
     return equalize_clahe(unit[None, None], clip_limit=2.0, grid_size=grid)[0, 0].numpy()
@@ -40,6 +40,8 @@ def principal_components(cube):
     is the one that correlates positively with brightness, so that pictures reproduce.
     Components that the cube has no bands or pixels for are zero.
     """
+    from sklearn.decomposition import PCA
+
     spectra = cube.spectra.astype(np.float64)
     sample = spectra[:: max(1, len(spectra) // 20000)]
     n = min(3, *sample.shape)

@@ -49,12 +49,14 @@ def main(argv=None):
 
 def demo(args):
     with as_file(files("texnet") / "data") as folder:
-        text, result = _decompose(folder / DEMO_CUBE, args.out, None, "net+sgd", 5, None)
+        text, result = _decompose(folder / DEMO_CUBE, args.out)
     return text, result | {"command": "demo"}
 
 
 def decompose(args):
-    return _decompose(args.cube, args.out, args.library, args.method, args.k, args.model)
+    return _decompose(
+        args.cube, args.out, args.library, args.method, args.k, args.model, args.compare
+    )
 
 
 def simulate(args):
@@ -235,19 +237,17 @@ def export(args):
 # --- decompose and demo ------------------------------------------------------------------
 
 
-def _decompose(cube_path, directory, library, method, k, model):
+def _decompose(
+    cube_path, directory, library=None, method="net+sgd", k=5, model=None, compare=False
+):
     from physics.library import MaterialLibrary
-    from physics.simulator.truth import Truth
 
     from .cube_io import read_cube
 
     cube = read_cube(cube_path)
     library = _starter() if library is None else MaterialLibrary.load(library)
-    beside = _truth_path(cube_path)
-    truth = Truth.load(beside) if beside.exists() else None
+    truth = _truth(cube_path)
 
-    from .baselines import baseline_correlations
-    from .metrics import evaluate
     from .outputs import check_directory, write_decomposition
     from .pipeline import decompose
     from .progress import progress_bar
@@ -256,10 +256,8 @@ def _decompose(cube_path, directory, library, method, k, model):
     run = _runner(method, model)
     with progress_bar() as report:
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
-    metrics = None
-    if truth is not None:
-        metrics = evaluate(d, truth) | {"baselines": baseline_correlations(cube, truth)}
-    paths = write_decomposition(d, cube, truth, directory)
+    metrics = None if truth is None else _metrics(d, cube, truth)
+    paths = write_decomposition(d, cube, truth, directory, compare or truth is not None)
 
     ground = d.temperature_k[np.asarray(d.material_names)[d.material] != "sky"]
     span = np.percentile(ground, [2, 50, 98]) if ground.size else [math.nan] * 3
@@ -274,6 +272,23 @@ def _decompose(cube_path, directory, library, method, k, model):
         "seconds": d.seconds, "metrics": metrics, "files": paths,
     }  # fmt: skip
     return _summary(result), result
+
+
+def _truth(cube_path):
+    """The Truth beside a cube, or None."""
+    path = _truth_path(cube_path)
+    if not path.exists():
+        return None
+    from physics.simulator.truth import Truth  # the simulator takes a second to load
+
+    return Truth.load(path)
+
+
+def _metrics(d, cube, truth):
+    from .baselines import baseline_correlations
+    from .metrics import evaluate
+
+    return evaluate(d, truth) | {"baselines": baseline_correlations(cube, truth)}
 
 
 def _runner(method, model):
@@ -393,6 +408,10 @@ def _parser():
         "--method", choices=("local", "sgd", "net", "net+sgd"), default="net+sgd",
         help="the network's proposal refined (default), or alone; or without a network: each "
         "pixel by itself, or semi-global",
+    )  # fmt: skip
+    p.add_argument(
+        "--compare", action="store_true",
+        help="draw it beside CLAHE and principal components, as is done where a truth is known",
     )  # fmt: skip
     p.add_argument(
         "--model", metavar="FILE", type=Path,

@@ -4,10 +4,9 @@ Colour maps keep their order for colour-blind readers; a value and its truth sha
 """
 
 import numpy as np
-from kornia.color import hsv_to_rgb, linear_rgb_to_rgb
+from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from torch import tensor
 
 from physics.whole_file import whole_file
 
@@ -100,6 +99,9 @@ def daylight_srgb(truth):
 
     Exposed so that its 99th percentile is white.
     """
+    from kornia.color import linear_rgb_to_rgb  # torch takes a second to load
+    from torch import tensor
+
     linear = truth.visible / max(np.percentile(truth.visible, 99), 1e-6)
     return linear_rgb_to_rgb(tensor(np.clip(linear, 0, 1)).movedim(-1, 0)).movedim(0, -1).numpy()
 
@@ -197,8 +199,7 @@ def _show_materials(ax, title, answer, decomposition):
 
 
 def _colour(hue_deg):
-    hsv = tensor([np.deg2rad(hue_deg % 360), 0.65, 0.85]).reshape(3, 1, 1)
-    return tuple(hsv_to_rgb(hsv).flatten().tolist())
+    return tuple(hsv_to_rgb((hue_deg % 360 / 360, 0.65, 0.85)))
 
 
 def _save(fig, path):

@@ -5,8 +5,6 @@ the truth calls non-sky: there alone temperature and texture have a meaning.
 """
 
 import numpy as np
-import torch
-from kornia.metrics import ssim
 
 from physics.errors import InputError
 from physics.library import SKY
@@ -137,6 +135,9 @@ def _differences(picture):
 def _ssim(picture, texture, ground):
     if min(ground.shape) < SSIM_WINDOW or not ground.any():
         return float("nan")
+    import torch  # which takes a second to load
+    from kornia.metrics import ssim
+
     # The sky counts as black in both, so it neither helps nor hurts except at its edge.
     a, b = (
         torch.from_numpy(np.where(ground, stretch(x, ground), 0.0))[None, None]

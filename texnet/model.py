@@ -20,7 +20,16 @@ from torch import nn
 
 from physics.evidence import Known
 from physics.planck import radiance as planck
-from physics.refinement import STEPS, TYPICAL_K, Refined, blocks, deviations, of_rows, refine
+from physics.refinement import (
+    STEPS,
+    TYPICAL_K,
+    Refined,
+    blocks,
+    deviations,
+    of_rows,
+    one_hot,
+    refine,
+)  # fmt: skip
 
 from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
@@ -106,8 +115,9 @@ class TeXModel(nn.Module):
         temperature = torch.where(empty, s.brightness.amax(0), temperature)
         sigma = torch.where(empty, AIR_SIGMA_K, sigma)
 
-        off = deviations(h, s.z, _pick(s.x, final[None])[0], final, t, v)
-        texture, sky_texture, misfit = _texture(known, h, radiance, final, temperature, v, off)
+        hot = one_hot(final, 2 * materials)
+        off = deviations(h, s.z, _pick(s.x, final[None])[0], hot, t, v)
+        texture, sky_texture, misfit = _texture(known, h, radiance, hot, temperature, v, off)
         visible = (~empty).float()
         own = torch.softmax(s.log_evidence, dim=0)
         of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
@@ -125,23 +135,23 @@ def _unrefined(b, row, t, lighting, width):
     """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds, by
     the prior that refinement has."""
     known = (b.tt_solve[:, 0] ** 2).sum(1) ** -1 - 1 + width**-2
-    sigma = of_rows(known**-0.5, row)
+    sigma = of_rows(known**-0.5, one_hot(row, known.shape[0]))
     lighting = lighting[:, None].expand(-1, *row.shape)
     return Refined(t.expand(row.shape), sigma, lighting, torch.zeros_like(sigma))
 
 
-def _texture(known, h, radiance, row, temperature, v, off):
-    """X (bands, P), its sky-lit band mean (P,) and the residual (P,) of hypotheses row (P,)."""
-    materials, sky = known.is_sky.shape[0], known.is_sky
-    m, share = _material(row, materials), of_rows(h.share, row)
+def _texture(known, h, radiance, hot, temperature, v, off):
+    """X (bands, P), its sky-lit band mean and the residual (P,) of the hot hypotheses (R, P)."""
+    sky, share = known.is_sky, of_rows(h.share, hot)
+    of_m = hot[: sky.shape[0]] + hot[sky.shape[0] :]
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
-    glow = (of_rows(e, m) * planck(known.nodes_um[..., None], temperature)).mean(1)
+    glow = (of_rows(e, of_m) * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
     skylight = known.skylight_spread.T @ off[n:d]
     texture = known.environment.T @ v + known.spread.T @ off[:n] + skylight
     of_sky = known.sky_mean[:, None] + known.sky_spread.T @ off[d:-1]
-    rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, m)) * texture) + share * of_sky
-    rendered = rendered + of_rows(h.rim, row) * off[-1]
+    rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, of_m)) * texture) + share * of_sky
+    rendered = rendered + of_rows(h.rim, hot) * off[-1]
     misfit = (((radiance.flatten(1) - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
     of_sky = v * known.sky_object[:, None]
     lit = known.environment.mean(1) @ of_sky + of_sky.sum(0) * skylight.mean(0)

@@ -61,14 +61,15 @@ def stem(known: Known, radiance):
     spectra = radiance.flatten(1)
     per_row, x, z = evidence(h, spectra / known.sigma[:, None])
     pure, mixed = per_row[: known.is_sky.shape[0]], per_row[known.is_sky.shape[0] :]
-    # softplus, because what torch makes of logsigmoid and logaddexp in ONNX overflows
-    log_pure, log_mixed = -functional.softplus(mixed - pure), -functional.softplus(pure - mixed)
+    more = mixed - pure
+    log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) is so much above the larger
+    log_pure, log_mixed = -(more.relu() + log_sum), -((-more).relu() + log_sum)
     t = x[:, k].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))
     best = per_row.argmax(dim=0)
     v = x.gather(0, best.expand(1, x.shape[1], -1))[0, :k]
     v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
     return Stem(
-        x, z, log_add(pure, mixed), log_pure, log_mixed,
+        x, z, torch.maximum(pure, mixed) + log_sum, log_pure, log_mixed,
         t[0] * log_pure.exp() + t[1] * log_mixed.exp(), v / v.sum(0).clamp(min=1e-6),
         brightness_temperature(known.nodes_um.mean(1)[:, None], spectra.clamp(min=1e-6)),
     ), h  # fmt: skip
@@ -76,7 +77,12 @@ def stem(known: Known, radiance):
 
 def log_add(a, b):
     """log(exp a + exp b)."""
-    return torch.maximum(a, b) + functional.softplus(-(a - b).abs())
+    return torch.maximum(a, b) + _log_1p_exp(-(a - b).abs())
+
+
+def _log_1p_exp(x):
+    """log(1 + exp x) of x <= 0; in ONNX, torch's own is far slower or overflows."""
+    return torch.log(1 + torch.exp(x))
 
 
 class Prediction(NamedTuple):

@@ -3,7 +3,7 @@
     decomposition.npz  every array, the keys as in NPZ_KEYS
     tex_vision.png     the TeX-vision picture, pixel for pixel
     maps.png           every map with its units (and truth and error where truth is known)
-    comparison.png     TeX vision beside what people look at today
+    comparison.png     TeX vision beside what people look at today, if wanted
     maps.exr           T (K), sigmaT (K), material (index), unknown (0, 1), residual (noise
                        units), skyTexture (W m-2 sr-1 um-1), V.0 ... V.<k-1>; float32
 """
@@ -39,10 +39,11 @@ def check_directory(directory):
         check_writable(directory)
 
 
-def write_decomposition(decomposition, cube, truth, directory):
-    """Write all files of a Decomposition into directory, made if it is not there.
+def write_decomposition(decomposition, cube, truth, directory, compare=True):
+    """Write the files of a Decomposition into directory, made if it is not there.
 
-    truth  the cube's Truth or None; with it the figures show it and the errors
+    truth    the cube's Truth or None; with it the figures show it and the errors
+    compare  draw comparison.png, too; needs torch, for CLAHE
 
     Returns {"decomposition": path, "tex_vision": ..., "maps": ..., "comparison": ...,
     "maps_exr": ...}. All files are made in a hidden neighbour first, so that a failure or
@@ -55,18 +56,20 @@ def write_decomposition(decomposition, cube, truth, directory):
         _write_npz(decomposition, made / "decomposition.npz")
         matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
         maps_figure(decomposition, truth, made / "maps.png")
-        comparison_figure(decomposition, cube, truth, made / "comparison.png")
+        if compare:
+            comparison_figure(decomposition, cube, truth, made / "comparison.png")
         _write_maps_exr(decomposition, made / "maps.exr")
         directory.mkdir(exist_ok=True)
+        (directory / "comparison.png").unlink(missing_ok=True)  # never of another answer
         for file in made.iterdir():
             os.replace(file, directory / file.name)
-    return {
+    paths = {
         "decomposition": directory / "decomposition.npz",
         "tex_vision": directory / "tex_vision.png",
         "maps": directory / "maps.png",
-        "comparison": directory / "comparison.png",
         "maps_exr": directory / "maps.exr",
     }
+    return paths | ({"comparison": directory / "comparison.png"} if compare else {})
 
 
 def _write_npz(d, path):

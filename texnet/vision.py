@@ -6,8 +6,7 @@ pseudo-colours.
 """
 
 import numpy as np
-import torch
-from kornia.color import hsv_to_rgb
+from matplotlib.colors import hsv_to_rgb
 
 from .metrics import non_sky
 from .stretch import stretch
@@ -34,13 +33,13 @@ def tex_vision(decomposition):
     glow = stretch(d.sky_texture, ~ground)  # a sky pixel's own radiance
     hsv = np.stack(
         [
-            np.deg2rad(np.asarray(d.hue_deg) % 360)[d.material],
+            (np.asarray(d.hue_deg) % 360 / 360)[d.material],
             np.where(ground, _between(SATURATION, warmth), SKY_SATURATION),
             np.where(ground, _between(VALUE, light), _between(SKY_VALUE, glow)),
-        ]
+        ],
+        axis=-1,
     )
-    rgb = hsv_to_rgb(torch.from_numpy(hsv)).numpy()
-    return np.rint(255 * rgb.clip(0, 1)).astype(np.uint8).transpose(1, 2, 0)
+    return np.rint(255 * hsv_to_rgb(hsv)).astype(np.uint8)
 
 
 def _between(ends, unit):

@@ -16,7 +16,7 @@ from physics.simulator.presets.random_scene import random_scene
 from physics.simulator.sensor import equidistant_bands
 from physics.simulator.traced import TracedScene, trace_scene
 
-from .scenes import BASE_SEED, MAX_SCENES, MAX_TRIES, Record, SceneSet, Settings
+from .scenes import BASE_SEED, Record, SceneSet, Settings, of_seed
 
 TRACED_WITH = 0.3  # e: paths long enough for curves down to that of bare metal
 TURNS = 8  # other materials for each scene, before they repeat
@@ -102,18 +102,15 @@ class ReshadedSet:
 
 
 def trace(settings, split, i):
-    """Trace scene i of a split, or where rays leak its stand-in as in `make_record`."""
+    """Trace scene i of a split -> TracedScene."""
     starter = MaterialLibrary.starter()
     grey = MaterialLibrary(
         starter.names, starter.wavelength_um, np.full_like(starter.emissivity, TRACED_WITH)
     )
-    for attempt in range(MAX_TRIES):
-        seed = BASE_SEED[split] + i + MAX_SCENES * attempt
-        try:
-            return trace_scene(random_scene(seed), (settings.size,) * 2, settings.spp, seed, grey)
-        except InputError as e:
-            error = e
-    raise error
+    size = (settings.size,) * 2
+    return of_seed(
+        lambda seed: trace_scene(random_scene(seed), size, settings.spp, seed, grey), split, i
+    )
 
 
 def with_sky(library):

@@ -3,7 +3,9 @@
 From a clean Record at 100 narrow bands, each draw makes other bands (4 to 100, equidistant
 over part of 8-14 um with or without gaps, or any), other noise (10 to 200 mK), another number
 of environment objects (2 to 8, estimated from the noisy cube itself) and another library: the
-scene's own materials among others, in any order, each curve a little wrong.
+scene's own materials among others, in any order, each curve a little wrong. Half of the draws
+have 9 bands or fewer, where spectra say least and the surroundings most, and half are the
+scene's mirror image.
 """
 
 from typing import NamedTuple
@@ -59,8 +61,9 @@ def draw(record, rng, side=None) -> Sample:
     height, width = cube.shape
     side = side or max(height, width)
     top, left = (int(rng.integers(max(0, n - side) + 1)) for n in (height, width))
+    turn = 1 if rng.random() < 0.5 else -1
     of = lambda a: torch.from_numpy(  # noqa: E731
-        np.array(a[..., top : top + side, left : left + side])
+        np.array(a[..., top : top + side, left : left + side][..., ::turn])
     )
     return Sample(
         Known(**{name: torch.from_numpy(a) for name, a in arrays.items()}),
@@ -83,7 +86,8 @@ def features(known, radiance):
 def _bands(fine_um, rng):
     """Weights (bands, fine) of box bands made of fine ones, centres and widths (bands,) um."""
     fine, step = len(fine_um), fine_um[1] - fine_um[0]
-    n = min(fine, round(float(np.exp(rng.uniform(*np.log(BANDS))))))
+    least, most = np.log(BANDS)
+    n = min(fine, round(float(np.exp(least + (most - least) * rng.random() ** 2))))
     if n < fine and rng.random() < ANY_BANDS:
         pick = np.sort(rng.choice(fine, n, replace=False))
         return np.eye(fine)[pick], fine_um[pick], np.full(n, step)

@@ -20,6 +20,7 @@ import signal
 import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
+from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from pathlib import Path
 
@@ -151,7 +152,12 @@ class SceneSet:
 
 
 def make_record(settings, split, i):
-    """Render scene i of a split -> Record.
+    """Render scene i of a split -> Record."""
+    return of_seed(lambda seed: _render(settings, seed), split, i)
+
+
+def of_seed(make, split, i):
+    """make(seed) of scene i of a split.
 
     A scene that cannot be rendered, because rays leak from its room, gives way to the one
     MAX_SCENES seeds on, still within the split's own range. None is all sky: the camera of
@@ -159,7 +165,7 @@ def make_record(settings, split, i):
     """
     for attempt in range(MAX_TRIES):
         try:
-            return _render(settings, BASE_SEED[split] + i + MAX_SCENES * attempt)
+            return make(BASE_SEED[split] + i + MAX_SCENES * attempt)
         except InputError as e:
             error = e
     raise error
@@ -214,6 +220,7 @@ def _in_processes(jobs, workers):
     process with threads may hang. No worker outlives this generator or its process.
     """
     context, todo, free = multiprocessing.get_context("spawn"), iter(jobs), {}
+    resource_tracker.ensure_running()  # its start would unblock what is blocked below
     try:
         # Ctrl-C reaches the whole process group; here it is answered, by the workers not.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

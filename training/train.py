@@ -13,6 +13,7 @@ import signal
 import time
 import warnings
 from importlib.metadata import version
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ from pytorch_lightning.loggers import CSVLogger
 from threadpoolctl import threadpool_limits
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+import physics
+import texnet.network
 from texnet.network import TeXNet
 from texnet.weights import save_network
 
@@ -35,7 +38,7 @@ WARM_UP = 0.1  # of the steps, before the learning rate falls
 SIDE = 64  # pixels; more of one scene teaches less than more scenes
 TOGETHER = 4  # scenes whose gradients are averaged
 PER_EPOCH = 320  # draws between two checkpoints
-SCENES, VALIDATION_SCENES, EPOCHS = 800, 40, 30
+SCENES, VALIDATION_SCENES, EPOCHS = 1600, 40, 60
 VALIDATE_EVERY = 5  # epochs
 VALIDATION_SEED = 7
 WORKERS = os.cpu_count()  # processes that make draws
@@ -71,10 +74,14 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, progress=None):
 
 def run_name(settings):
     """A folder name for a run: the same settings (plain values) and code, the same name."""
-    import texnet.network
-
-    code = Path(texnet.network.__file__).read_text() + json.dumps(settings)
-    return hashlib.sha256(code.encode()).hexdigest()[:16]
+    code = [
+        *Path(physics.__file__).parent.glob("*.py"), *Path(__file__).parent.glob("*.py"),
+        Path(texnet.network.__file__),
+    ]  # fmt: skip
+    digest = hashlib.sha256(json.dumps(settings).encode())
+    for path in sorted(code):
+        digest.update(f"{path.name} ".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 class Draws(Dataset):
@@ -197,6 +204,7 @@ class Loader(DataLoader):
         )  # fmt: skip
 
     def __iter__(self):
+        resource_tracker.ensure_running()  # its start would unblock what is blocked below
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it
         try:
             return super().__iter__()
