@@ -13,8 +13,8 @@ multiply by C_i C_j = (C_{i+j} + C_{|i-j|}) / 2, so p' M p is a series of 2 n - 
 pixel changes.
 
 Where no V_j is negative this is the answer. Elsewhere it is a lower bound; and since V_j >= 0
-alone, taken for a Gaussian (T, V), would raise J by V_j^2 / (2 var V_j), the largest of these
-makes the bound a good deal tighter.
+alone raises the J of a Gaussian (T, V) by V_j^2 / (2 var V_j), the largest of these makes the
+bound a good deal tighter, where T moves so little that (T, V) may be taken for Gaussian.
 """
 
 from typing import NamedTuple
@@ -24,6 +24,7 @@ import numpy as np
 
 STEPS = 12  # of Newton's method
 TOLERANCE = 1e-4  # of the last step in tau: the next would be about its square
+NEAR = 0.03  # of tau: some 3 K
 LANES = 64  # pixels worked on together
 _FUSED = numba.njit(cache=True, fastmath={"contract"})  # a * b + c may be rounded once
 
@@ -200,8 +201,10 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
     for j in range(k):
         for p in range(c):
             below = min(v[j, p], 0.0)
-            variance = max(z[r, j, j], 0.0) + of_v[j, p] * of_v[j, p] / curvature[p] + 1e-30
-            bound[p] = max(bound[p], 0.5 * below * below / variance)
+            shared = of_v[j, p] / curvature[p]  # covariance of V_j and tau
+            variance = max(z[r, j, j], 0.0) + of_v[j, p] * shared + 1e-30
+            if abs(below * shared) < NEAR * variance:
+                bound[p] = max(bound[p], 0.5 * below * below / variance)
     for p in range(c):
         if abs(step[p]) >= TOLERANCE:
             value[p] = -np.inf
