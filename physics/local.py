@@ -350,7 +350,10 @@ def _bounded(
     """Put V's bounds on what `solve_unbounded` found for pixel p, most promising row first."""
     best = np.inf
     for r in range(len(value)):
-        if value[r, p] == bound[r, p] and value[r, p] > -np.inf:
+        inside = value[r, p] > -np.inf
+        for j in range(k):
+            inside &= v[r, j, p] >= 0.0
+        if inside:
             best = min(best, value[r, p])
             bound[r, p] = np.inf  # done
     while True:

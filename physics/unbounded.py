@@ -98,7 +98,7 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
     work       (n + k + 10, LANES) scratch
     value      (LANES,) the constant of J; in place, J, or -inf where Newton's method has not
                converged
-    bound      (LANES,) out: lower bound of J for V >= 0; value itself where V is
+    bound      (LANES,) out: lower bound of J for V >= 0, at least value
     curvature  (LANES,) out, 1/K^2, as `local._solve`
     v          (k, LANES) out: V, which may be negative
     """
