@@ -1,6 +1,8 @@
 """The command line as a user meets it: exit codes, one sentence, whole files, JSON last."""
 
 import json
+import subprocess
+import sys
 from importlib import import_module
 
 import made_up
@@ -33,6 +35,19 @@ def cube(tmp_path):
     path = tmp_path / "cube.npz"
     write_cube(made_up.cube(made_up.truth(8, 9)), path)
     return path
+
+
+def test_to_decompose_a_cube_needs_neither_torch_nor_numba(tmp_path, cube):
+    code = (
+        "import sys\n"
+        "class Without:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        assert name not in ('torch', 'kornia', 'numba', 'embreex', 'onnx'), name\n"
+        "sys.meta_path.insert(0, Without())\n"
+        "from texnet.cli import main\n"
+        "sys.exit(main(['decompose', sys.argv[1], '--out', sys.argv[2]]))\n"
+    )
+    subprocess.run([sys.executable, "-c", code, cube, tmp_path / "out"], check=True)
 
 
 # --- wrong input -------------------------------------------------------------------------
@@ -190,3 +205,7 @@ def test_simulate_then_decompose(capfd, tmp_path, suffix, method):
     (tmp_path / "night.truth.npz").unlink()
     code, out, err = run(capfd, *words)
     assert code == 0 and last_json(out)["metrics"] is None
+    assert not (out_dir / "comparison.png").exists(), "it was of another answer"
+    code, out, err = run(capfd, *words, "--compare")
+    assert code == 0 and (out_dir / "comparison.png").exists()
+    assert last_json(out)["files"]["comparison"] == str(out_dir / "comparison.png")

@@ -234,6 +234,17 @@ def export(args):
     return text, {"command": "export", "model": args.model, "file": args.out, "bytes": size}
 
 
+def bench_speed(args):
+    try:
+        from benchmarks.speed import measure
+    except ModuleNotFoundError as e:
+        if e.name not in ("scipy", "benchmarks"):
+            raise
+        raise InputError("bench needs more packages; pip install 'texnet[benchmark]'.") from e
+    result = measure(args.out)
+    return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
+
+
 # --- decompose and demo ------------------------------------------------------------------
 
 
@@ -441,7 +452,7 @@ def _parser():
         return p
 
     # the defaults of training.train and training.finetune, which are slow to import
-    add_training("train", train, "train a network on simulated scenes; hours", 800, 30)
+    add_training("train", train, "train a network on simulated scenes; hours", 1600, 60)
     p = add_training("finetune", finetune, "adapt a network to a library; minutes", 48, 5)
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
@@ -456,6 +467,11 @@ def _parser():
     p = add(commands, "export", export, "write a network as one ONNX file; minutes")
     p.add_argument("model", metavar="MODEL", type=Path, help=".safetensors")
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".onnx")
+
+    p = commands.add_parser("bench", help="measure this machine")
+    actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
+    p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; half an hour")
+    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
 
     p = commands.add_parser("library", help="the starter library of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")

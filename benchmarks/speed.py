@@ -1,0 +1,421 @@
+"""How fast, side by side with what people use today, and with what limits it.
+
+    python -m benchmarks.speed --out DIR [--json]          (or: texnet bench speed)
+
+The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` at a
+quarter of the size, repeated), the starter library of 30 materials, an estimated environment of
+k = 4 objects, two threads. In one run, in turn, so often repeated as stands in a row:
+
+    local, net, net+sgd   texnet: the whole of `decompose` but files and pictures
+    scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
+                          published MATLAB code is ported; the same J as `local`, on a few pixels
+    PAN-ResNet50          the forward pass of the published TeX-Net's architecture: of
+                          segmentation-models-pytorch where that is installed (extra `peers`),
+                          else a stand-in of as many parameters and multiply-adds
+    read, product         the limits: one pass over the cube's bytes, and the matrix product
+                          that takes pixels to the inner products with all hypotheses
+
+then the simulator (rays a second, traced and shaded, against bare Embree on the same rays),
+start-up times and peak memory of whole commands, and `growth`: time against pixels, bands,
+materials and k, with exponents fitted to log time (growth.png). Writes speed.json.
+"""
+
+import argparse
+import json
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.rows import write_csv
+from physics.estimate import estimate_environment
+from physics.heat_cube import HeatCube
+from physics.library import MaterialLibrary
+from physics.local import solve_local
+from physics.reduced import V_PRECISION, reduce_model
+from physics.simulator import simulate, trace_scene
+from physics.simulator.presets import preset
+from physics.simulator.sensor import equidistant_bands
+from physics.simulator.traced import trace_on_demand
+from physics.whole_file import whole_file
+from texnet.pipeline import decompose
+
+FRAME, BANDS, K, NETD_K, THREADS = (1080, 1920), 54, 4, 0.05, 2
+PIECE = 4  # times as large, on each side, is the frame as what was traced for it
+SCIPY_PIXELS = 12
+PAN_SIZE = (540, 960)
+REPEATS = 3
+SIMULATED, SPP = (256, 384), 16
+GROWTH = {
+    "pixels": (96, 128, 192, 256, 320),  # on a side
+    "bands": (8, 16, 32, 64, 100),
+    "materials": (3, 6, 12, 24, 30),
+    "k": (1, 2, 4, 8, 10),
+}
+
+
+def frame(traced, library, bands=BANDS, size=FRAME):
+    """A HeatCube of that size, of the traced scene side by side with itself."""
+    w, fwhm = equidistant_bands(bands)
+    s = traced.shade(library, w, fwhm, NETD_K)[0].radiance
+    times = [-(-n // m) for n, m in zip(size, s.shape[1:], strict=True)]
+    s = np.tile(s, (1, *times))[:, : size[0], : size[1]]
+    return HeatCube(np.ascontiguousarray(s), w, fwhm, NETD_K)
+
+
+def timed(what, pixels, run, repeats=REPEATS):
+    """A row: the median time of some runs, after one that does not count, and their range."""
+    run()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - start)
+    per = np.array(seconds) / pixels * 1e6
+    return {
+        "what": what, "pixels": pixels, "repeats": repeats, "seconds_per_megapixel": np.median(per),
+        "least": per.min(), "most": per.max(),
+    }  # fmt: skip
+
+
+# --- texnet, its peers and its limits -----------------------------------------------------
+
+
+def methods(cube, library):
+    """Rows of texnet's methods on the whole frame."""
+    from export.runtime import Runtime
+
+    path = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
+    run = Runtime(path, threads=THREADS).run
+    pixels = cube.shape[0] * cube.shape[1]
+    part = HeatCube(cube.radiance[:, :270, :480], cube.wavelength_um, cube.fwhm_um, NETD_K)
+    return [
+        timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
+        timed("net", part.spectra.shape[0], lambda: decompose(part, library, method="net", k=K)),
+        timed("local", pixels, lambda: decompose(cube, library, method="local", k=K)),
+    ]
+
+
+def scipy_fit(cube, library, environment):
+    """A row of the peer, and by how much its least J exceeds ours: least and most, nats."""
+    model = reduce_model(cube, library, environment)
+    spectra = cube.spectra[:: len(cube.spectra) // SCIPY_PIXELS][:SCIPY_PIXELS].astype(float)
+    ours = solve_local(model, spectra).energy
+    start = time.perf_counter()
+    theirs = np.array([[fit(model, s, r) for r in _pure(model)] for s in spectra])
+    seconds = time.perf_counter() - start
+    excess = theirs.min(axis=1) - ours.min(axis=1)
+    return {
+        "what": "scipy", "pixels": len(spectra), "repeats": 1,
+        "seconds_per_megapixel": seconds / len(spectra) * 1e6,
+        "least_excess_nats": excess.min(), "most_excess_nats": excess.max(),
+    }  # fmt: skip
+
+
+def _pure(model):
+    return np.flatnonzero(model.sky_share == 0)
+
+
+def fit(model, spectrum, r):
+    """J + occam of a pixel (bands,) and hypothesis r, by scipy's bounded least squares."""
+    from scipy.optimize import least_squares
+
+    from physics.planck import radiance
+
+    e, k = model.emissivity[r], model.k
+    scale, d = model.scale[r], model.deflate[:, r]
+    root = np.linalg.cholesky(np.diag(scale**2) - d @ d.T).T  # P = root' root
+
+    def residual(x):
+        t, v = x[0], x[1:]
+        s = e * radiance(model.wavelength_um, t) + (1 - e) * (v @ model.environment.radiance)
+        return np.concatenate([
+            root @ ((spectrum - s) / model.sigma),
+            [(t - model.prior_mean_k) / model.prior_sigma_k, 1e4 * (v.sum() - 1)],
+            (V_PRECISION * k) ** 0.5 * (v - 1 / k),
+        ])  # fmt: skip
+
+    start = np.concatenate([[model.prior_mean_k], np.full(k, 1 / k)])
+    low, high = np.zeros(k + 1), np.ones(k + 1)
+    low[0], high[0] = model.mid_k - model.half_k, model.mid_k + model.half_k
+    return least_squares(residual, start, bounds=(low, high)).cost + model.occam[r]
+
+
+def pan(bands):
+    """The peer's network and what it is called."""
+    import torch
+
+    try:
+        import segmentation_models_pytorch as smp
+    except ImportError:
+        return _stand_in(bands), "PAN-ResNet50 (stand-in)"
+    torch.manual_seed(0)
+    return smp.PAN("resnet50", encoder_weights=None, in_channels=bands, classes=30), "PAN-ResNet50"
+
+
+def _stand_in(bands):
+    """ResNet-50's own bottleneck layers, 24 M parameters, the last stage dilated as PAN has it."""
+    from torch import nn
+
+    def bottleneck(n, width, stride=1, dilation=1):
+        out = 4 * width
+
+        class Block(nn.Module):
+            def __init__(self):
+                super().__init__()
+                self.layers = nn.Sequential(
+                    nn.Conv2d(n, width, 1, bias=False), nn.BatchNorm2d(width), nn.ReLU(),
+                    nn.Conv2d(width, width, 3, stride, dilation, dilation, bias=False),
+                    nn.BatchNorm2d(width), nn.ReLU(),
+                    nn.Conv2d(width, out, 1, bias=False), nn.BatchNorm2d(out),
+                )  # fmt: skip
+                same = n == out and stride == 1
+                self.skip = nn.Identity() if same else nn.Conv2d(n, out, 1, stride, bias=False)
+
+            def forward(self, x):
+                return nn.functional.relu(self.layers(x) + self.skip(x))
+
+        return Block()
+
+    layers = [
+        nn.Conv2d(bands, 64, 7, 2, 3, bias=False), nn.BatchNorm2d(64), nn.ReLU(),
+        nn.MaxPool2d(3, 2, 1),
+    ]  # fmt: skip
+    n = 64
+    stages = ((64, 3, 1, 1), (128, 4, 2, 1), (256, 6, 2, 1), (512, 3, 1, 2))
+    for width, blocks, stride, dilation in stages:
+        for i in range(blocks):
+            layers.append(bottleneck(n, width, stride if i == 0 else 1, dilation))
+            n = 4 * width
+    return nn.Sequential(*layers, nn.Conv2d(n, 30, 1), nn.Upsample(scale_factor=16))
+
+
+def pan_forward(cube):
+    """A row of the peer's forward pass."""
+    import torch
+
+    torch.set_num_threads(THREADS)
+    network, name = pan(cube.bands)
+    network.eval()
+    height, width = (n // 32 * 32 for n in PAN_SIZE)
+    x = torch.from_numpy(np.ascontiguousarray(cube.radiance[None, :, :height, :width]))
+
+    def run():
+        with torch.no_grad():
+            network(x)
+
+    parameters = sum(p.numel() for p in network.parameters())
+    return timed(name, height * width, run) | {"parameters": parameters}
+
+
+def limits(cube, library, environment):
+    """Rows of one pass over the cube's bytes, and of the product with all hypotheses."""
+    linear = reduce_model(cube, library, environment).of_all()[0].reshape(-1, cube.bands + 1)
+    s = np.concatenate([cube.radiance.reshape(cube.bands, -1)[:, :65536], np.ones((1, 65536))])
+    out, flat = np.empty((len(linear), 65536)), cube.radiance.reshape(-1)
+    pixels = cube.shape[0] * cube.shape[1]
+    return [
+        timed("read", pixels, lambda: flat.sum()),
+        timed("product", 65536, lambda: np.matmul(linear, s, out=out)),
+    ]
+
+
+# --- the simulator, start-up and memory, growth -------------------------------------------
+
+
+def simulator(library):
+    """Rays a second of a whole `simulate`, and of Embree alone on the same rays."""
+    scene, (w, fwhm) = preset("forest", 7), equidistant_bands(BANDS)
+    run = lambda: simulate(  # noqa: E731
+        scene, wavelength_um=w, fwhm_um=fwhm, size=SIMULATED, spp=SPP, netd_k=NETD_K, seed=7,
+        library=library,
+    )  # fmt: skip
+    pixels = SIMULATED[0] * SIMULATED[1]
+    row = timed("simulate", pixels, run)
+    fine = MaterialLibrary(library.names, w, library.at(w), library.hue_deg, library.albedo_rgb)
+    traced = trace_on_demand(scene, SIMULATED, SPP, 7, fine)
+    embree = _Timed(traced.blocks._tracer._embree)
+    traced.blocks._tracer._embree = embree
+    for i in range(len(traced.blocks)):
+        traced.blocks[i]
+    bare = THREADS * embree.rays / embree.seconds
+    whole = embree.rays / (row["seconds_per_megapixel"] * pixels / 1e6)
+    return row | {
+        "rays": embree.rays, "rays_per_second": whole, "embree_rays_per_second": bare,
+        "ratio": whole / bare,
+    }  # fmt: skip
+
+
+class _Timed:
+    """An Embree scene that counts its rays and seconds."""
+
+    def __init__(self, scene):
+        self.scene, self.rays, self.seconds = scene, 0, 0.0
+
+    def run(self, origin, direction, **how):
+        start = time.perf_counter()
+        hit = self.scene.run(origin, direction, **how)
+        self.seconds += time.perf_counter() - start
+        self.rays += len(origin)
+        return hit
+
+
+def commands(traced, library):
+    """Seconds and peak memory of whole commands, each in a process of its own."""
+    rows = [_command("texnet --help", ["--help"])]
+    with tempfile.TemporaryDirectory() as folder:
+        from texnet.cube_io import write_cube
+
+        for name, size in (("256 x 256", (256, 256)), ("1080 x 1920", FRAME)):
+            cube = frame(traced, library, size=size)
+            path = Path(folder) / "cube.npz"
+            write_cube(cube, path)
+            row = _command(
+                f"texnet decompose, {name} x {BANDS}",
+                ["decompose", str(path), "--out", str(Path(folder) / "out"), "--k", str(K)],
+            )
+            rows.append(row | {"peak_over_cube": row["peak_bytes"] / cube.radiance.nbytes})
+    return rows
+
+
+def _command(what, words):
+    code = f"import sys; from texnet.cli import main; sys.exit(main({words!r}))"
+    probe = (
+        "import resource, subprocess, sys, time; t = time.perf_counter();"
+        "subprocess.run([sys.executable, '-c', sys.argv[1]], check=True, stdout=2);"
+        "print(time.perf_counter() - t, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", probe, code], check=True, capture_output=True, text=True
+    ).stdout.split()
+    return {"what": what, "seconds": float(out[0]), "peak_bytes": 1024 * int(out[1])}
+
+
+def growth(traced, library):
+    """Rows: seconds of local and of net+sgd while one size grows."""
+    from export.runtime import Runtime
+
+    run = Runtime(Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx", THREADS).run
+    for axis, sizes in GROWTH.items():
+        for n in sizes:
+            side = n if axis == "pixels" else 160
+            some = library.subset(_some(library, n)) if axis == "materials" else library
+            cube = frame(traced, library, n if axis == "bands" else BANDS, (side, side))
+            environment = estimate_environment(cube, some, n if axis == "k" else K)
+            for method, model in (("local", None), ("net+sgd", run)):
+                solve = lambda: decompose(  # noqa: E731
+                    cube, some, method=method, model=model, environment=environment  # noqa: B023
+                )
+                row = timed(method, side * side, solve, repeats=1)
+                size = side * side if axis == "pixels" else n
+                seconds = row["seconds_per_megapixel"] * side * side / 1e6
+                yield {"axis": axis, "size": size, "method": method, "seconds": seconds}
+
+
+def _some(library, n):
+    """n materials, the sky among them."""
+    names = [m for m in library.names if m != "sky"]
+    return ["sky", *names[: n - 1]]
+
+
+def exponents(rows):
+    """{axis: {method: exponent of time}}, by least squares on the logarithms."""
+    found = {}
+    for axis in GROWTH:
+        for method in ("local", "net+sgd"):
+            of = [r for r in rows if (r["axis"], r["method"]) == (axis, method)]
+            x, y = (np.log([r[name] for r in of]) for name in ("size", "seconds"))
+            found.setdefault(axis, {})[method] = float(np.polyfit(x, y, 1)[0])
+    return found
+
+
+def _draw(rows, fitted, path):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, len(GROWTH), figsize=(12, 3.2), layout="constrained")
+    for ax, axis in zip(axes, GROWTH, strict=True):
+        for method, mark in (("local", "o-"), ("net+sgd", "s--")):
+            of = [r for r in rows if (r["axis"], r["method"]) == (axis, method)]
+            label = f"{method}: exponent {fitted[axis][method]:.2f}"
+            ax.loglog([r["size"] for r in of], [r["seconds"] for r in of], mark, label=label)
+        ax.set(xlabel=axis)
+        ax.legend(fontsize=8)
+    axes[0].set(ylabel="seconds")
+    figure.savefig(path, dpi=110)
+
+
+# --- all of it ----------------------------------------------------------------------------
+
+
+def measure(out, say=print):
+    """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json."""
+    library = MaterialLibrary.starter()
+    traced = trace_scene(preset("forest", 7), tuple(n // PIECE for n in FRAME), 16, 7, library)
+    cube = frame(traced, library)
+    environment = estimate_environment(cube, library, K)
+    rows = methods(cube, library)
+    rows += [scipy_fit(cube, library, environment), pan_forward(cube)]
+    rows += limits(cube, library, environment)
+    per = {r["what"]: r["seconds_per_megapixel"] for r in rows}
+    peer = next(name for name in per if name.startswith("PAN"))
+    ratios = {
+        "local, times scipy's pixels per second": per["scipy"] / per["local"],
+        f"net, times the pixels per second of {peer}": per[peer] / per["net"],
+        f"net+sgd, times the pixels per second of {peer}": per[peer] / per["net+sgd"],
+        "local, times the time of its matrix product": per["local"] / per["product"],
+        "net+sgd, times the time of one pass over the cube": per["net+sgd"] / per["read"],
+    }
+    frames = {m: per[m] * FRAME[0] * FRAME[1] / 1e6 for m in ("local", "net+sgd")}
+    for row in rows:
+        say(f"{row['what']:24} {row['seconds_per_megapixel']:12.3f} s/Mpx")
+    del cube
+    whole = commands(traced, library)
+    for row in whole:
+        say(f"{row['what']:40} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
+    grown = list(growth(traced, library))
+    fitted = exponents(grown)
+    result = {
+        "rows": rows, "ratios": ratios, "frame_seconds": frames, "commands": whole,
+        "simulator": simulator(library), "growth_exponents": fitted,
+        "threads": THREADS, "versions": _versions(), "machine": platform.machine(),
+    }  # fmt: skip
+    for name, value in ratios.items():
+        say(f"{name:60} {value:10.2f}")
+    out.mkdir(parents=True, exist_ok=True)
+    write_csv(out / "growth.csv", grown)
+    _draw(grown, fitted, out / "growth.png")
+    with whole_file(out / "speed.json") as part:
+        part.write_text(json.dumps(result, indent=1, default=float), encoding="utf-8")
+    return result
+
+
+def _versions():
+    found = {"python": platform.python_version()}
+    for name in ("texnet", "torch", "onnxruntime", "numba", "scipy", "segmentation-models-pytorch"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--json", action="store_true", help="print speed.json last")
+    args = parser.parse_args()
+    result = measure(args.out)
+    if args.json:
+        print(json.dumps(result, default=float))
+
+
+if __name__ == "__main__":
+    main()
