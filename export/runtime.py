@@ -21,7 +21,7 @@ BROKEN = "it is not an ONNX file that texnet wrote"
 class Runtime:
     """A texnet ONNX file, ready to answer.
 
-    path     as `texnet export` wrote it
+    path     as `texnet export` wrote it; keeps the memory that a tile takes, about TILE_BYTES
     threads  of the computation; all cores if None
 
     about is the file's metadata, JSON parsed: texnet_version, history, meaning (of inputs and
@@ -36,7 +36,6 @@ class Runtime:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads or os.cpu_count()
         options.log_severity_level = 3  # errors, which it raises too
-        options.enable_cpu_mem_arena = False  # it would keep the most that it ever took
         try:
             with open(path, "rb") as file:
                 content = file.read()
@@ -70,7 +69,7 @@ class Runtime:
         pixels = TILE_BYTES / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
         return run_tiled(
-            lambda tile: self._answer(feeds | {"radiance": tile}),
+            lambda tile, inner: self._answer(feeds | {"radiance": tile, "inner": inner}),
             image, self.about["halo_px"], pixels, progress, self.about["cell_px"],
         )  # fmt: skip
 
@@ -81,7 +80,7 @@ class Runtime:
 
     def _check(self, feeds):
         """Raise InputError unless the inputs are those of the file, and agree."""
-        expected = {i.name: i.shape for i in self._session.get_inputs()}
+        expected = {i.name: i.shape for i in self._session.get_inputs() if i.name != "inner"}
         if feeds.keys() != expected.keys():
             wrong = ", ".join(sorted(feeds.keys() ^ expected.keys()))
             raise InputError(f"model: its inputs are radiance and Known's fields; see {wrong}.")

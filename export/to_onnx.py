@@ -44,17 +44,19 @@ INPUTS = {
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
     "radiance": (("bands", "height", "width"), SPECTRUM),
+    "inner": ((4,), "int64: top, left, rows and columns of the part to be answered, in pixels"),
 }
+PART = ("rows", "columns")
 OUTPUTS = {
-    "material_probability": (("materials", "height", "width"), "0..1"),
-    "material": (("height", "width"), "index into the library"),
-    "temperature_k": (("height", "width"), "K; of sky: of what stands before it, or the air"),
-    "temperature_sigma_k": (("height", "width"), "K, one standard deviation"),
-    "thermal_lighting": (("k", "height", "width"), "V, sums to 1; 0 for sky"),
-    "texture": (("bands", "height", "width"), f"{SPECTRUM}, X; 0 for sky"),
-    "sky_texture": (("height", "width"), f"{SPECTRUM}, band mean of X's sky-lit part"),
-    "residual": (("height", "width"), "noise units, root mean square"),
-    "unknown": (("height", "width"), "true where the answer should not be trusted"),
+    "material_probability": (("materials", *PART), "0..1"),
+    "material": (PART, "index into the library"),
+    "temperature_k": (PART, "K; of sky: of what stands before it, or the air"),
+    "temperature_sigma_k": (PART, "K, one standard deviation"),
+    "thermal_lighting": (("k", *PART), "V, sums to 1; 0 for sky"),
+    "texture": (("bands", *PART), f"{SPECTRUM}, X; 0 for sky"),
+    "sky_texture": (PART, f"{SPECTRUM}, band mean of X's sky-lit part"),
+    "residual": (PART, "noise units, root mean square"),
+    "unknown": (PART, "true where the answer should not be trusted"),
 }
 METADATA = {
     "texnet_version": "of the package that wrote the file; marks a texnet file",
@@ -105,15 +107,16 @@ def _quiet():
 
 
 def _trace(model):
-    assert Known._fields == tuple(INPUTS)[:-1] and TeX._fields == tuple(OUTPUTS)
+    assert Known._fields == tuple(INPUTS)[:-2] and TeX._fields == tuple(OUTPUTS)
     known, radiance = _example()
+    inner = torch.tensor([2, 3, 5, 8])
     dynamic = {
         name: {i: torch.export.Dim.DYNAMIC for i, size in enumerate(sizes) if size in EXAMPLE}
         for name, (sizes, _) in INPUTS.items()
     }
     of_known = Known(**{name: dynamic[name] for name in Known._fields})
     program = torch.export.export(
-        model, (known, radiance), dynamic_shapes=(of_known, dynamic["radiance"]),
+        model, (known, radiance, inner), dynamic_shapes=(of_known, dynamic["radiance"], None),
         # what torch cannot prove of the sizes (no k > 13) it need not check either
         prefer_deferred_runtime_asserts_over_guards=True,
     )  # fmt: skip
@@ -129,6 +132,7 @@ def _example():
     x = {
         name: torch.rand([EXAMPLE.get(size, size) for size in sizes], generator=r)
         for name, (sizes, _) in INPUTS.items()
+        if name != "inner"
     }
     x["nodes_um"] += 10.0
     x["prior_k"] += 300.0
@@ -144,7 +148,7 @@ def _name_sizes(model):
         strict=True,
     ):
         for axis, size in zip(value.type.tensor_type.shape.dim, sizes, strict=True):
-            if size in EXAMPLE:
+            if size in EXAMPLE or size in PART:
                 if symbol_of.setdefault(size, axis.dim_param) != axis.dim_param:
                     raise AssertionError(f"{value.name}: {size} is {axis}")
                 axis.dim_param = size

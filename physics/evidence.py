@@ -41,6 +41,7 @@ from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
 
 QUADRATURE = 16
 BLOCK = 6  # of the factorisation
+HALF = MAX_COMPONENTS // 2
 
 
 class Known(NamedTuple):
@@ -80,7 +81,7 @@ class Hypotheses(NamedTuple):
 
     share (R,) alpha; emissivity (materials, bands) band means; rim (R, bands) what one standard
     deviation of alpha changes, W m-2 sr-1 um-1; centre (bands,) and look (d, bands):
-    z = look (s - centre); square (R, n (n + 1) / 2) of the products of n = MAX_COMPONENTS >= d z_i,
+    z = look (s - centre); square (R, 3 HALF^2) of the products of the z_i,
     slope (R, d) and offset (R,) of the evidence in z;
     to_x (R r, d) and x_0 (R, r): x^ in z; precision (R, r, r) S^-1 and half its log_det (R,);
     to_deviation (R, q - r, d), deviation_0 (R, q - r) and lean (R, q - r, r): the likeliest
@@ -184,22 +185,27 @@ def evidence(h: Hypotheses, s):
     """log p(z | h) (R, P), x^ (R, r, P) and z (d, P) of noise-scaled spectra s (bands, P)."""
     z = h.look @ (s - h.centre[:, None])
     d = z.double()
-    log_p = h.offset[:, None] - 0.5 * (h.square @ _products(d) + h.slope @ d)
+    across, within = _products(d)
+    square = h.square[:, : HALF**2] @ across + h.square[:, HALF**2 :] @ within
+    log_p = h.offset[:, None] - 0.5 * (square + h.slope @ d)
     x = torch.addmm(h.x_0.reshape(-1, 1), h.to_x, z).reshape(*h.x_0.shape, -1)
     return log_p.to(s.dtype), x, z
 
 
 def _products(z):
-    """(n (n + 1) / 2, P) products z_i z_j, i <= j < n = MAX_COMPONENTS, of z (d, P), d <= n."""
+    """(HALF^2, P) z_i z_j for i in the lower and j in the upper half of MAX_COMPONENTS, and
+    (2 HALF^2, P) for both in the one or both in the other half, of z (d, P)."""
     z = torch.eye(MAX_COMPONENTS, z.shape[0], dtype=z.dtype) @ z
-    return torch.cat([z[i : i + 1] * z[i:] for i in range(MAX_COMPONENTS)])
+    z = z.reshape(2, HALF, -1)
+    return (z[0][:, None] * z[1]).flatten(0, 1), (z[:, :, None] * z[:, None]).flatten(0, 2)
 
 
 def _of_products(form):
-    """(R, n (n + 1) / 2) what multiplies `_products` in quadratic forms (R, d, d)."""
+    """(R, 3 HALF^2) what multiplies `_products` in quadratic forms (R, d, d)."""
     pad = torch.eye(MAX_COMPONENTS, form.shape[1], dtype=form.dtype)
-    form = pad @ (form * (2 - torch.eye(form.shape[1], dtype=form.dtype))) @ pad.T
-    return torch.cat([form[:, i, i:] for i in range(MAX_COMPONENTS)], dim=1)
+    form = (pad @ form @ pad.T).reshape(-1, 2, HALF, 2, HALF)
+    parts = 2 * form[:, 0, :, 1], form[:, 0, :, 0], form[:, 1, :, 1]
+    return torch.cat([part.flatten(1) for part in parts], dim=1)
 
 
 def hermite(t):

@@ -11,7 +11,8 @@ import numpy as np
 def run_tiled(run, image, halo, pixels, progress=None, multiple=1):
     """Maps of an image (..., height, width), tile by tile.
 
-    run       takes a tile (..., h, w) and answers with a dict of maps (..., h, w)
+    run       takes a tile (..., h, w), and top, left, height and width (4,) int64 of the part of
+              it that it has to answer, with a dict of maps (..., height, width)
     halo      how many pixels around itself an answer depends on
     pixels    at most about so many in one tile, its halo included
     multiple  tiles begin at multiples of it; halo must be one
@@ -25,11 +26,11 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1):
         top, left = max(0, y - halo), max(0, x - halo)
         tile = image[..., top : y + side + halo, left : x + side + halo]
         h, w = min(side, height - y), min(side, width - x)
-        for name, part in run(np.ascontiguousarray(tile)).items():
+        inner = np.array([y - top, x - left, h, w])
+        for name, part in run(np.ascontiguousarray(tile), inner).items():
             if name not in maps:
                 maps[name] = np.empty((*part.shape[:-2], height, width), part.dtype)
-            inner = part[..., y - top : y - top + h, x - left : x - left + w]
-            maps[name][..., y : y + h, x : x + w] = inner
+            maps[name][..., y : y + h, x : x + w] = part
         if progress is not None:
             progress(done, len(corners))
     return maps

@@ -254,3 +254,16 @@ def test_hard_inputs_are_answered_in_numbers(case, steps):
     if case == "few bands" and steps:  # 4 numbers cannot tell T and 8 factors: sigma says so
         error = np.abs(tex.temperature_k.numpy().ravel() - world.temperature)
         assert (error < 3 * tex.temperature_sigma_k.numpy().ravel() + 0.1).mean() > 0.8
+
+
+@pytest.mark.parametrize("inner", [(0, 0, 12, 15), (3, 4, 5, 6), (11, 14, 1, 1), (0, 7, 12, 1)])
+def test_a_part_is_answered_as_it_is_in_the_whole(inner):
+    """What is only looked at is looked at nonetheless."""
+    world = world_of()
+    cube, _ = under_a_sky(world)
+    model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
+    whole, part = model(world.known(), image), model(world.known(), image, torch.tensor(inner))
+    top, left, height, width = inner
+    for name, a, b in zip(whole._fields, whole, part, strict=True):
+        a = a[..., top : top + height, left : left + width]
+        torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)

@@ -30,8 +30,9 @@ def torch_model(refined=True, network=None):
     def run(radiance, known, progress=None):
         tensors = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
 
-        def tile(part):
-            answer = model(tensors, torch.from_numpy(np.array(part)))  # the cube is read-only
+        def tile(part, inner):
+            part = torch.from_numpy(np.array(part))  # the cube is read-only
+            answer = model(tensors, part, torch.from_numpy(inner))
             maps = {name: a.numpy() for name, a in zip(TeX._fields, answer, strict=True)}
             return maps | {"material": maps["material"].astype("int16")}
 

@@ -61,6 +61,8 @@ class TeXModel(nn.Module):
     """Known and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
 
     steps   of refinement; 0 answers with what the network and the evidence say
+    inner   (4,) int64 top, left, height, width of the part of the image that is answered, the
+            rest being there only to be looked at; all of it if None
     """
 
     def __init__(self, network: TeXNet, steps=STEPS):
@@ -68,25 +70,31 @@ class TeXModel(nn.Module):
         self.network, self.steps = network, steps
 
     @torch.no_grad()
-    def forward(self, known: Known, radiance) -> TeX:
+    def forward(self, known: Known, radiance, inner=None) -> TeX:
         shape, materials = radiance.shape[1:], known.is_sky.shape[0]
         s, h = stem(known, radiance)
         b = blocks(h, known.environment.shape[0])
         net = self.network(known, s, shape)
-        log_m, trust = net.log_material.flatten(1), net.trust.flatten()
 
-        # the likeliest hypotheses, refined
+        # the likeliest hypotheses
         never = 1e9 * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
-        log_m = log_m - never[:, None]
+        log_m = net.log_material.flatten(1) - never[:, None]
         log_row = torch.cat([log_m + s.log_pure, log_m + s.log_mixed])
         score, row = log_row.topk(HYPOTHESES, dim=0)
-        x = _pick(s.x, row).transpose(0, 1)
+        x = s.x.gather(0, row[:, None].expand(-1, s.x.shape[1], -1))
         t = (net.temperature_k.flatten() - known.prior_k[0]) / known.prior_k[1]
-        guess = net.log_lighting.flatten(1).exp()
+        guess, trust = net.log_lighting.flatten(1).exp(), net.trust.flatten()
+        air, own, z, spectra = s.brightness.amax(0), s.log_evidence, s.z, radiance.flatten(1)
+        if inner is not None:
+            of_inner = (log_row, score, row, x, t, guess, trust, air, own, z, spectra)
+            of_inner, shape = _cut(of_inner, shape, inner)
+            log_row, score, row, x, t, guess, trust, air, own, z, spectra = of_inner
+
+        # refined
         width = TYPICAL_K / known.prior_k[1]
         if self.steps:
             typical = (known.prior_k[2] - known.prior_k[0]) / known.prior_k[1]
-            r = refine(b, x, row, t, guess, (typical, width), self.steps)
+            r = refine(b, x.transpose(0, 1), row, t, guess, (typical, width), self.steps)
         else:
             r = _unrefined(b, row, t, guess, width)
         score = score - trust * r.energy
@@ -96,39 +104,49 @@ class TeXModel(nn.Module):
         p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
 
         best = score.argmax(0, keepdim=True)
-        chosen = row.gather(0, best)[0]
-        material = _material(chosen, materials)
+        material = _material(row.gather(0, best)[0], materials)
         is_sky = known.is_sky[material] > 0
         # what stands before the sky, where that may be anything
         solid = score - 1e6 * known.is_sky[_material(row, materials)]
         of_solid, at = solid.max(0, keepdim=True)
         empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
         before = torch.where(is_sky, at, best)
-        final = torch.where(empty, chosen, row.gather(0, before)[0])
-        t, own = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
+        t, sigma = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
         v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
         weight = torch.softmax(solid, dim=0)
         doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
-        sigma = torch.maximum(own**2, doubt).sqrt() * known.prior_k[1]
+        sigma = torch.maximum(sigma**2, doubt).sqrt() * known.prior_k[1]
         temperature = known.prior_k[0] + known.prior_k[1] * t
         # the air is as warm as its opaque bands look
-        temperature = torch.where(empty, s.brightness.amax(0), temperature)
+        temperature = torch.where(empty, air, temperature)
         sigma = torch.where(empty, AIR_SIGMA_K, sigma)
 
-        hot = one_hot(final, 2 * materials)
-        off = deviations(h, s.z, _pick(s.x, final[None])[0], hot, t, v)
-        texture, sky_texture, misfit = _texture(known, h, radiance, hot, temperature, v, off)
+        final = torch.where(empty, best, before)
+        hot = one_hot(row.gather(0, final)[0], 2 * materials)
+        x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
+        off = deviations(h, z, x, hot, t, v)
+        texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
         visible = (~empty).float()
-        own = torch.softmax(s.log_evidence, dim=0)
         of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
         bands = radiance.shape[0]
         unknown = (misfit**2 > 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) & ~empty
-        unknown = unknown | (of_m(p) < 0.5) | (of_m(own) < OWN_PROBABILITY)
+        unknown = unknown | (of_m(p) < 0.5) | (of_m(torch.softmax(own, 0)) < OWN_PROBABILITY)
         maps = lambda a: a.unflatten(-1, shape)  # noqa: E731
         return TeX(
             maps(p), maps(material), maps(temperature), maps(sigma), maps(v * visible),
             maps(texture * visible), maps(sky_texture * visible), maps(misfit), maps(unknown),
         )  # fmt: skip
+
+
+def _cut(arrays, shape, inner):
+    """Arrays (..., P) of an image of that shape, cut to its inner part; and the part's shape."""
+    top, left, height, width = inner.tolist()
+    for n in (top, left, height, width):
+        torch._check(n >= 0)
+    torch._check(top + height <= shape[0])
+    torch._check(left + width <= shape[1])
+    cut = lambda a: a.unflatten(-1, shape).narrow(-2, top, height).narrow(-1, left, width)  # noqa: E731
+    return tuple(cut(a).flatten(-2) for a in arrays), (height, width)
 
 
 def _unrefined(b, row, t, lighting, width):
@@ -140,7 +158,7 @@ def _unrefined(b, row, t, lighting, width):
     return Refined(t.expand(row.shape), sigma, lighting, torch.zeros_like(sigma))
 
 
-def _texture(known, h, radiance, hot, temperature, v, off):
+def _texture(known, h, spectra, hot, temperature, v, off):
     """X (bands, P), its sky-lit band mean and the residual (P,) of the hot hypotheses (R, P)."""
     sky, share = known.is_sky, of_rows(h.share, hot)
     of_m = hot[: sky.shape[0]] + hot[sky.shape[0] :]
@@ -152,7 +170,7 @@ def _texture(known, h, radiance, hot, temperature, v, off):
     of_sky = known.sky_mean[:, None] + known.sky_spread.T @ off[d:-1]
     rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, of_m)) * texture) + share * of_sky
     rendered = rendered + of_rows(h.rim, hot) * off[-1]
-    misfit = (((radiance.flatten(1) - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
+    misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
     of_sky = v * known.sky_object[:, None]
     lit = known.environment.mean(1) @ of_sky + of_sky.sum(0) * skylight.mean(0)
     return texture, torch.where(known.sky_object.max() > 0, lit, misfit), misfit
@@ -160,8 +178,3 @@ def _texture(known, h, radiance, hot, temperature, v, off):
 
 def _material(row, materials):
     return torch.arange(materials).repeat(2)[row]  # row % materials, as ONNX can have it
-
-
-def _pick(x, row):
-    """x (R, q, P) at row (C, P) -> (C, q, P)."""
-    return x.gather(0, row[:, None].expand(-1, x.shape[1], -1))

@@ -77,7 +77,7 @@ def _write_npz(d, path):
     # Text as fixed-width unicode, an absent sky as no index: npz without pickle has no None.
     arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
     arrays["sky"] = np.asarray(d.sky, np.int64)
-    np.savez_compressed(path, **arrays)
+    np.savez(path, **arrays)  # X is as random as its noise: packing it costs seconds, saves little
 
 
 def _write_maps_exr(d, path):
