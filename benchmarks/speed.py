@@ -4,11 +4,14 @@
 
 The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` at a
 quarter of the size, repeated), the starter library of 30 materials, an estimated environment of
-k = 4 objects, two threads. In one run, in turn, so often repeated as stands in a row:
+k = 4 objects, two threads; to be run where there are two cores. In one run, in turn, so often
+repeated as stands in a row:
 
-    local, net, net+sgd   texnet: the whole of `decompose` but files and pictures
+    local, net+sgd        texnet: the whole of `decompose` but files and pictures
+    net                   the network with the evidence it reads, in torch, on a part of the frame
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
-                          published MATLAB code is ported; the same J as `local`, on a few pixels
+                          published MATLAB code is ported, in one thread; J of `local`, on a few
+                          pixels whose materials are not sky
     PAN-ResNet50          the forward pass of the published TeX-Net's architecture: of
                           segmentation-models-pytorch where that is installed (extra `peers`),
                           else a stand-in of as many parameters and multiply-adds
@@ -30,26 +33,34 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import numba
 import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
 
 from benchmarks.rows import write_csv
 from physics.estimate import estimate_environment
+from physics.evidence import Known
 from physics.heat_cube import HeatCube
+from physics.known import known_arrays
 from physics.library import MaterialLibrary
-from physics.local import solve_local
+from physics.local import solve_given, solve_local
 from physics.reduced import V_PRECISION, reduce_model
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
-from physics.simulator.sensor import equidistant_bands
+from physics.simulator.sensor import Bands, equidistant_bands
 from physics.simulator.traced import trace_on_demand
 from physics.whole_file import whole_file
+from texnet.learned import shipped_network
+from texnet.network import stem
 from texnet.pipeline import decompose
 
 FRAME, BANDS, K, NETD_K, THREADS = (1080, 1920), 54, 4, 0.05, 2
 PIECE = 4  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 12
-PAN_SIZE = (540, 960)
+PART = (544, 960)
 REPEATS = 3
+ONNX = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
 SIMULATED, SPP = (256, 384), 16
 GROWTH = {
     "pixels": (96, 128, 192, 256, 320),  # on a side
@@ -90,35 +101,44 @@ def methods(cube, library):
     """Rows of texnet's methods on the whole frame."""
     from export.runtime import Runtime
 
-    path = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
-    run = Runtime(path, threads=THREADS).run
+    run = Runtime(ONNX, threads=THREADS).run
     pixels = cube.shape[0] * cube.shape[1]
-    part = HeatCube(cube.radiance[:, :270, :480], cube.wavelength_um, cube.fwhm_um, NETD_K)
+    known = known_arrays(cube, library, estimate_environment(cube, library, K))
+    known = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+    height, width = PART
+    part = torch.from_numpy(np.ascontiguousarray(cube.radiance[:, :height, :width]))
+    network = shipped_network()
+
+    def net():
+        with torch.no_grad():
+            network(known, stem(known, part)[0], PART)
+
     return [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
-        timed("net", part.spectra.shape[0], lambda: decompose(part, library, method="net", k=K)),
+        timed("net", height * width, net),
         timed("local", pixels, lambda: decompose(cube, library, method="local", k=K)),
     ]
 
 
 def scipy_fit(cube, library, environment):
-    """A row of the peer, and by how much its least J exceeds ours: least and most, nats."""
+    """A row of the peer, and by how much its least J over all materials exceeds ours, nats."""
     model = reduce_model(cube, library, environment)
-    spectra = cube.spectra[:: len(cube.spectra) // SCIPY_PIXELS][:SCIPY_PIXELS].astype(float)
-    ours = solve_local(model, spectra).energy
+    pure = np.flatnonzero((model.sky_share == 0) & (model.material != library.sky_index))
+    pixels = np.random.default_rng(0).permutation(len(cube.spectra))
+    local = solve_local(model, cube.spectra[pixels[: 10 * SCIPY_PIXELS]])
+    ground = local.energy.argmin(axis=1) != library.sky_index
+    spectra = cube.spectra[pixels[: 10 * SCIPY_PIXELS][ground][:SCIPY_PIXELS]].astype(float)
     start = time.perf_counter()
-    theirs = np.array([[fit(model, s, r) for r in _pure(model)] for s in spectra])
+    theirs = np.array([[fit(model, s, r) for r in pure] for s in spectra])
     seconds = time.perf_counter() - start
-    excess = theirs.min(axis=1) - ours.min(axis=1)
+    zero, t = np.zeros(len(spectra)), np.full(len(spectra), model.prior_mean_k)
+    ours = [solve_given(model, spectra, np.full(len(t), r), t, zero, zero)[0] for r in pure]
+    excess = theirs.min(axis=1) - np.min(ours, axis=0)
     return {
         "what": "scipy", "pixels": len(spectra), "repeats": 1,
         "seconds_per_megapixel": seconds / len(spectra) * 1e6,
         "least_excess_nats": excess.min(), "most_excess_nats": excess.max(),
     }  # fmt: skip
-
-
-def _pure(model):
-    return np.flatnonzero(model.sky_share == 0)
 
 
 def fit(model, spectrum, r):
@@ -148,8 +168,6 @@ def fit(model, spectrum, r):
 
 def pan(bands):
     """The peer's network and what it is called."""
-    import torch
-
     try:
         import segmentation_models_pytorch as smp
     except ImportError:
@@ -197,12 +215,9 @@ def _stand_in(bands):
 
 def pan_forward(cube):
     """A row of the peer's forward pass."""
-    import torch
-
-    torch.set_num_threads(THREADS)
     network, name = pan(cube.bands)
     network.eval()
-    height, width = (n // 32 * 32 for n in PAN_SIZE)
+    height, width = (n // 32 * 32 for n in PART)
     x = torch.from_numpy(np.ascontiguousarray(cube.radiance[None, :, :height, :width]))
 
     def run():
@@ -237,6 +252,7 @@ def simulator(library):
     )  # fmt: skip
     pixels = SIMULATED[0] * SIMULATED[1]
     row = timed("simulate", pixels, run)
+    w = Bands.of(w, fwhm).fine_um
     fine = MaterialLibrary(library.names, w, library.at(w), library.hue_deg, library.albedo_rgb)
     traced = trace_on_demand(scene, SIMULATED, SPP, 7, fine)
     embree = _Timed(traced.blocks._tracer._embree)
@@ -300,7 +316,7 @@ def growth(traced, library):
     """Rows: seconds of local and of net+sgd while one size grows."""
     from export.runtime import Runtime
 
-    run = Runtime(Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx", THREADS).run
+    run = Runtime(ONNX, THREADS).run
     for axis, sizes in GROWTH.items():
         for n in sizes:
             side = n if axis == "pixels" else 160
@@ -357,6 +373,10 @@ def _draw(rows, fitted, path):
 
 def measure(out, say=print):
     """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json."""
+    out.mkdir(parents=True, exist_ok=True)
+    numba.set_num_threads(THREADS)
+    torch.set_num_threads(THREADS)
+    threadpool_limits(THREADS)
     library = MaterialLibrary.starter()
     traced = trace_scene(preset("forest", 7), tuple(n // PIECE for n in FRAME), 16, 7, library)
     cube = frame(traced, library)
@@ -389,7 +409,6 @@ def measure(out, say=print):
     }  # fmt: skip
     for name, value in ratios.items():
         say(f"{name:60} {value:10.2f}")
-    out.mkdir(parents=True, exist_ok=True)
     write_csv(out / "growth.csv", grown)
     _draw(grown, fitted, out / "growth.png")
     with whole_file(out / "speed.json") as part:

@@ -61,7 +61,7 @@ def bytes_per_pixel(known):
     """About what a pixel takes in evidence, network, refinement and texture, by known_arrays."""
     materials, bands, nodes = known["emissivity"].shape
     unknowns = len(known["environment"]) + TERMS
-    of_evidence = 8 * len(known["basis"]) ** 2 + 4 * 2 * materials * (unknowns + 6)
+    of_evidence = 6 * MAX_COMPONENTS**2 + 4 * 2 * materials * (unknowns + 6)
     of_answer = 36 * unknowns**2 + 24 * (bands * nodes + materials)
     return of_evidence + of_answer + 1000
 

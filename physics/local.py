@@ -28,9 +28,9 @@ from .planck import brightness_temperature
 from .reduced import ReducedModel
 
 PIXELS_PER_BLOCK = 4096
-# More than neighbours (at most 4 BETA) and the materials' shares in a scene (some 14) can make
-# up for in `semiglobal`; e^-26 of the probability
-HOPELESS = 26.0  # nats
+# More than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
+# 40,000 pixels times the materials, 18 for 1500) can make up for in `semiglobal`
+HOPELESS = 30.0  # nats
 _NEWTON_STEPS = 40
 _TAU_TOLERANCE = 1e-6
 
@@ -40,7 +40,9 @@ class LocalSolution:
     """Every material's answer, for P pixels and L materials (library order, sky included).
 
     energy         (P, L) float32, -log evidence up to one constant; +inf for the sky where
-                   there is none in view; beyond HOPELESS nats above the least, a lower bound
+                   there is none in view; beyond HOPELESS nats above the least, a lower bound,
+                   with the T that V without bounds would give, but never for the best of the
+                   materials that are not sky
     temperature_k  (P, L) float32, K; of the sky, the prior's
     sigma_k        (P, L) float32, one standard deviation of T given m, K
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
@@ -74,7 +76,7 @@ def solve_local(model: ReducedModel, spectra, progress=None) -> LocalSolution:
         block = slice(start, min(start + PIXELS_PER_BLOCK, pixels))
         _solve_all(
             spectra[block], start_k[block], model.sigma, linear, square, model.gram, tables, *of_t,
-            model.material, model.mid_k,
+            model.material, model.material == model.library.sky_index, model.mid_k,
             energy[block], temperature[block], sigma[block], row[block],
         )  # fmt: skip
         if progress:
@@ -294,8 +296,8 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
 
 @numba.njit(cache=True, parallel=True, fastmath=False)
 def _solve_all(
-    spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material, mid,
-    energy, temperature, sigma, row,
+    spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material,
+    is_sky, mid, energy, temperature, sigma, row,
 ):  # fmt: skip
     """All hypotheses of P pixels, LANES at a time: `solve_local` from plain arrays."""
     pixels, bands, rows, lanes = len(spectra), len(noise), len(gram), unbounded.LANES
@@ -307,7 +309,7 @@ def _solve_all(
                 s[j, p] = spectra[chunk * lanes + p, j] / noise[j]
                 squared[j, p] = s[j, p] ** 2
         deflated = np.empty((linear.shape[1], lanes))
-        scratch, start, x = np.empty((n + k + 10, lanes)), np.zeros(lanes), np.empty(lanes)
+        scratch, start, x = np.empty((2 * n + k + 10, lanes)), np.zeros(lanes), np.empty(lanes)
         for p in range(count):
             start[p] = (start_k[chunk * lanes + p] - mid) / half
         h, v = np.empty((rows, n + k, lanes)), np.empty((rows, k, lanes))
@@ -321,16 +323,16 @@ def _solve_all(
             h[r] = deflated[: n + k]
             value[r], x[:] = constant[r], start
             unbounded.solve_unbounded(
-                h[r], r, tables, n, k, half, weight, mean, x, scratch, value[r], bound[r],
-                curvature[r], v[r],
+                h[r], gram[r], tables, r, n, k, half, weight, mean, x, scratch, value[r],
+                bound[r], curvature[r], v[r],
             )  # fmt: skip
             tau[r] = x
         work, own = np.empty((8 + k, max(n, k) + 1)), np.empty(n + k)
         at, free = np.empty(k), np.empty(k, np.bool_)
         for p in range(count):
             _bounded(
-                p, h, gram, n, k, half, weight, mean, constant, value, bound, tau, curvature, v,
-                at, free, own, work,
+                p, h, gram, n, k, half, weight, mean, is_sky, constant, value, bound, tau,
+                curvature, v, at, free, own, work,
             )  # fmt: skip
             pixel = chunk * lanes + p
             for r in range(rows):
@@ -344,22 +346,25 @@ def _solve_all(
 
 @numba.njit(cache=True, fastmath=False)
 def _bounded(
-    p, h, gram, n, k, half, weight, mean, constant, value, bound, tau, curvature, v,
+    p, h, gram, n, k, half, weight, mean, is_sky, constant, value, bound, tau, curvature, v,
     at, free, own, work,
 ):  # fmt: skip
     """Put V's bounds on what `solve_unbounded` found for pixel p, most promising row first."""
-    best = np.inf
+    best, ground = np.inf, np.inf  # of all, and of those that are not sky
     for r in range(len(value)):
         inside = value[r, p] > -np.inf
         for j in range(k):
             inside &= v[r, j, p] >= 0.0
         if inside:
             best = min(best, value[r, p])
+            if not is_sky[r]:
+                ground = min(ground, value[r, p])
             bound[r, p] = np.inf  # done
     while True:
-        least, r = best + HOPELESS, -1
+        least, r = np.inf, -1
         for i in range(len(value)):
-            if bound[i, p] < least:
+            needed = bound[i, p] < best + HOPELESS or (not is_sky[i] and bound[i, p] < ground)
+            if needed and bound[i, p] < least:
                 least, r = bound[i, p], i
         if r < 0:
             break
@@ -376,6 +381,8 @@ def _bounded(
         )
         value[r, p] += constant[r, p]
         best = min(best, value[r, p])
+        if not is_sky[r]:
+            ground = min(ground, value[r, p])
         bound[r, p] = np.inf
     for r in range(len(value)):
         if bound[r, p] < np.inf:

@@ -1,4 +1,4 @@
-"""Eq. 6 without V's bounds: fast, and a lower bound of Eq. 6.
+"""Eq. 6 without V's bounds: fast, and nearly a lower bound of Eq. 6.
 
 With V free on the plane sum V = 1, the best V for given T is linear in the inner products h of
 `reduced`, and what is left is one polynomial in tau for each hypothesis. Let p = (C_i(tau)),
@@ -6,7 +6,6 @@ and let T and V index the blocks of H:
 
     J(tau) = p' M p / 2 - b' p + const                    M = H_TT - H_TV Z H_VT
     b = h_T - H_TV (Z h_V + u)                            V = Z (h_V - H_VT p) + u
-    const = u' H_VV u / 2 - h_V' Z h_V / 2 - h_V' u
 
 with Z = G - G 1 1' G / (1' G 1) and u = G 1 / (1' G 1), G = H_VV^-1. Chebyshev polynomials
 multiply by C_i C_j = (C_{i+j} + C_{|i-j|}) / 2, so p' M p is a series of 2 n - 1 terms that no
@@ -14,7 +13,7 @@ pixel changes.
 
 Where no V_j is negative this is the answer. Elsewhere it is a lower bound; and since V_j >= 0
 alone raises the J of a Gaussian (T, V) by V_j^2 / (2 var V_j), the largest of these makes the
-bound a good deal tighter, where T moves so little that (T, V) may be taken for Gaussian.
+bound a good deal tighter, where T moves so little (NEAR_K) that (T, V) is nearly Gaussian.
 """
 
 from typing import NamedTuple
@@ -24,14 +23,14 @@ import numpy as np
 
 STEPS = 12  # of Newton's method
 TOLERANCE = 1e-4  # of the last step in tau: the next would be about its square
-NEAR = 0.03  # of tau: some 3 K
+NEAR_K = 3.0
 LANES = 64  # pixels worked on together
 _FUSED = numba.njit(cache=True, fastmath={"contract"})  # a * b + c may be rounded once
 
 
 class Tables(NamedTuple):
     """What no pixel changes: u (R, k), Z (R, k, k), Z H_VT (R, k, n), H_TV u (R, n), M
-    (R, n, n), the series (R, 2 n - 1) of p' M p / 2, and u' H_VV u / 2 (R,)."""
+    (R, n, n) and the series (R, 2 n - 1) of p' M p / 2."""
 
     u: np.ndarray
     z: np.ndarray
@@ -39,7 +38,6 @@ class Tables(NamedTuple):
     shift: np.ndarray
     m: np.ndarray
     series: np.ndarray
-    least: np.ndarray
 
 
 def tables(gram, n) -> Tables:
@@ -57,7 +55,7 @@ def tables(gram, n) -> Tables:
             series[:, i + j] += 0.25 * m[:, i, j]
             series[:, abs(i - j)] += 0.25 * m[:, i, j]
     shift = np.einsum("rki,rk->ri", vt, u)
-    return Tables(u, z, lean, shift, m, series, 0.5 * np.einsum("rk,rkl,rl->r", u, vv, u))
+    return Tables(u, z, lean, shift, m, series)
 
 
 @_FUSED
@@ -88,23 +86,25 @@ def times(a, s, out):
 
 
 @_FUSED
-def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, bound, curvature, v):
+def solve_unbounded(
+    h, gram, tables, r, n, k, half, weight, mean, x, work, value, bound, curvature, v
+):
     """Minimise J over T and free V for LANES pixels and hypothesis r.
 
-    h          (n + k, LANES)
+    h          (n + k, LANES);  gram  (n + k, n + k) H of this hypothesis
     tables     Tables as a plain tuple
     weight, mean, half   as for `local._solve`
     x          (LANES,) tau to start from; in place, tau
-    work       (n + k + 10, LANES) scratch
+    work       (2 n + k + 10, LANES) scratch
     value      (LANES,) the constant of J; in place, J, or -inf where Newton's method has not
                converged
-    bound      (LANES,) out: lower bound of J for V >= 0, at least value
+    bound      (LANES,) out: about the least J for V >= 0, at least value
     curvature  (LANES,) out, 1/K^2, as `local._solve`
     v          (k, LANES) out: V, which may be negative
     """
     c = LANES
-    u, z, lean, shift, m, series, least = tables
-    b, zh = work[10 : 10 + n], work[10 + n : 10 + n + k]
+    u, z, lean, shift, m, series = tables
+    b, zh, cheb = work[10 : 10 + n], work[10 + n : 10 + n + k], work[10 + n + k :]
     for i in range(n):
         for p in range(c):
             b[i, p] = h[i, p] - shift[r, i]
@@ -112,16 +112,13 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
             a = lean[r, j, i]
             for p in range(c):
                 b[i, p] -= a * h[n + j, p]
-    f, g, s = work[0], work[1], work[2]
+    g, s, step = work[0], work[1], work[2]
     p0, p1, d0, d1, e0, e1 = work[3], work[4], work[5], work[6], work[7], work[8]
-    step = work[9]
     for p in range(c):
         x[p] = min(max(x[p], -0.95), 0.95)
     for _ in range(STEPS):
         for p in range(c):
-            deviation = half * x[p] - mean
-            f[p] = 0.5 * weight * deviation * deviation + series[r, 0] - b[0, p]
-            g[p] = weight * half * deviation
+            g[p] = weight * half * (half * x[p] - mean)
             s[p] = weight * half * half
             p0[p], d0[p], e0[p] = 1.0, 0.0, 0.0
             p1[p], d1[p], e1[p] = x[p], 1.0, 0.0
@@ -130,12 +127,10 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
             if i < n:
                 for p in range(c):
                     q = a - b[i, p]
-                    f[p] += q * p1[p]
                     g[p] += q * d1[p]
                     s[p] += q * e1[p]
             else:
                 for p in range(c):
-                    f[p] += a * p1[p]
                     g[p] += a * d1[p]
                     s[p] += a * e1[p]
             for p in range(c):
@@ -151,15 +146,11 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
             move = -g[p] / s[p] if s[p] > 0.0 else (0.2 if g[p] < 0.0 else -0.2)
             move = min(max(move, -1.0 - x[p]), 1.0 - x[p])
             step[p] = move
-            f[p] += 0.5 * move * g[p]
             x[p] += move
             largest = max(largest, abs(move))
         if largest < TOLERANCE:
             break
-    # V, its share of J, and J'' at the minimum
-    for p in range(c):
-        value[p] += f[p] + least[r]
-        curvature[p] = weight * half * half
+    slope, of_v = b, zh  # dp / dtau and -dV / dtau, once b and Z h_V have served
     for j in range(k):
         for p in range(c):
             zh[j, p] = 0.0
@@ -168,18 +159,14 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
             for p in range(c):
                 zh[j, p] += a * h[n + i, p]
         for p in range(c):
-            value[p] -= h[n + j, p] * (0.5 * zh[j, p] + u[r, j])
             v[j, p] = zh[j, p] + u[r, j]
-    slope, of_v = b, zh  # dp / dtau, -dV / dtau; what they held is no longer needed
-    for j in range(k):
-        for p in range(c):
             of_v[j, p] = 0.0
     for i in range(n):
         for p in range(c):
             if i == 0:
                 p0[p], d0[p] = 1.0, 0.0
                 p1[p], d1[p] = x[p], 1.0
-            slope[i, p] = d0[p]
+            cheb[i, p], slope[i, p] = p0[p], d0[p]
         for j in range(k):
             a = lean[r, j, i]
             for p in range(c):
@@ -191,6 +178,29 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
             dn = 2.0 * p1[p] + t2 * d1[p] - d0[p]
             p0[p], d0[p] = p1[p], d1[p]
             p1[p], d1[p] = pn, dn
+    # J from H itself, because what V has been eliminated from cancels
+    for p in range(c):
+        deviation = half * x[p] - mean
+        value[p] += 0.5 * weight * deviation * deviation
+        curvature[p] = weight * half * half
+    pull = e0
+    for i in range(n + k):
+        for p in range(c):
+            pull[p] = -h[i, p]
+        for j in range(n):
+            a = (0.5 if i < n else 1.0) * gram[i, j]
+            for p in range(c):
+                pull[p] += a * cheb[j, p]
+        if i < n:
+            for p in range(c):
+                value[p] += cheb[i, p] * pull[p]
+        else:
+            for j in range(k):
+                a = 0.5 * gram[i, n + j]
+                for p in range(c):
+                    pull[p] += a * v[j, p]
+            for p in range(c):
+                value[p] += v[i - n, p] * pull[p]
     for i in range(1, n):
         for j in range(1, n):
             a = m[r, i, j]
@@ -201,9 +211,10 @@ def solve_unbounded(h, r, tables, n, k, half, weight, mean, x, work, value, boun
     for j in range(k):
         for p in range(c):
             below = min(v[j, p], 0.0)
-            shared = of_v[j, p] / curvature[p]  # covariance of V_j and tau
+            bend = min(curvature[p], s[p]) if s[p] > 0.0 else curvature[p]
+            shared = of_v[j, p] / bend  # covariance of V_j and tau
             variance = max(z[r, j, j], 0.0) + of_v[j, p] * shared + 1e-30
-            if abs(below * shared) < NEAR * variance:
+            if abs(below * shared) * half < NEAR_K * variance:
                 bound[p] = max(bound[p], 0.5 * below * below / variance)
     for p in range(c):
         if abs(step[p]) >= TOLERANCE:

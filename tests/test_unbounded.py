@@ -26,13 +26,13 @@ def everything(p, k):
     value, bound, curvature, x = np.empty((4, rows, LANES))
     v, exact = np.empty((rows, k, LANES)), np.empty((rows, LANES))
     zero = np.zeros(LANES)
-    work = np.empty((n + k + 10, LANES))
+    work = np.empty((2 * n + k + 10, LANES))
     for r in range(rows):
         h, constant = model.inner_products(spectra / model.sigma, r)
         value[r], x[r] = constant + model.occam[r], 0.0
         solve_unbounded(
-            np.ascontiguousarray(h.T), r, tuple(tables(model.gram, n)), n, k, model.half_k,
-            *prior, x[r], work, value[r], bound[r], curvature[r], v[r],
+            np.ascontiguousarray(h.T), model.gram[r], tuple(tables(model.gram, n)), r, n, k,
+            model.half_k, *prior, x[r], work, value[r], bound[r], curvature[r], v[r],
         )  # fmt: skip
         row = np.full(LANES, r)
         exact[r] = solve_given(model, spectra, row, p.temperature[:LANES], zero, zero)[0]
@@ -86,4 +86,4 @@ def test_a_pixel_answers_alike_in_any_company(make_pixels):
     together = solve_local(model, p.cube.spectra)
     order = np.random.default_rng(1).permutation(150)[: LANES + 3]
     some = solve_local(model, p.cube.spectra[order])
-    np.testing.assert_allclose(some.energy, together.energy[order], rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(some.energy, together.energy[order], rtol=1e-5, atol=1e-3)

@@ -235,12 +235,11 @@ def export(args):
 
 
 def bench_speed(args):
-    try:
-        from benchmarks.speed import measure
-    except ModuleNotFoundError as e:
-        if e.name not in ("scipy", "benchmarks"):
-            raise
-        raise InputError("bench needs more packages; pip install 'texnet[benchmark]'.") from e
+    from benchmarks.speed import measure
+
+    from .outputs import check_directory
+
+    check_directory(args.out)
     result = measure(args.out)
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
 
