@@ -13,7 +13,6 @@ MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
 HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
 SAMPLES = 6000  # pixels that the basis is made from
-USUAL_PERCENTILE = 80
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
 
@@ -45,10 +44,8 @@ def known_arrays(cube, library, environment):
     sky_object[list(environment.sky)] = 1
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
     s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64)
-    # usual: what pixels look like in their most opaque band; a cold sky, seen or reflected, makes
-    # some look colder than they are, little makes them look warmer
-    looks = brightness_temperature(cube.wavelength_um, s).max(axis=1)
-    usual = np.percentile(looks, USUAL_PERCENTILE)
+    # usual: what pixels look like in their most opaque band
+    usual = np.median(brightness_temperature(cube.wavelength_um, s).max(axis=1))
     basis = _basis(s / cube.sigma, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
