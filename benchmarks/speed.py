@@ -231,12 +231,13 @@ def pan_forward(cube):
 def limits(cube, library, environment):
     """Rows of one pass over the cube's bytes, and of the product with all hypotheses."""
     linear = reduce_model(cube, library, environment).of_all()[0].reshape(-1, cube.bands + 1)
-    s = np.concatenate([cube.radiance.reshape(cube.bands, -1)[:, :65536], np.ones((1, 65536))])
-    out, flat = np.empty((len(linear), 65536)), cube.radiance.reshape(-1)
-    pixels = cube.shape[0] * cube.shape[1]
+    pixels, flat = cube.shape[0] * cube.shape[1], cube.radiance.reshape(-1)
+    some = min(pixels, 65536)
+    s = np.concatenate([cube.radiance.reshape(cube.bands, -1)[:, :some], np.ones((1, some))])
+    out = np.empty((len(linear), some))
     return [
         timed("read", pixels, lambda: flat.sum()),
-        timed("product", 65536, lambda: np.matmul(linear, s, out=out)),
+        timed("product", some, lambda: np.matmul(linear, s, out=out)),
     ]
 
 
