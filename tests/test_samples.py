@@ -12,7 +12,7 @@ from traced import one_thread  # noqa: F401
 import training.samples as samples
 from physics.library import SKY
 from physics.planck import noise_sigma, radiance
-from training.samples import MATERIALS, draw
+from training.samples import MATERIALS, Sample, draw
 from training.scenes import Record
 
 NAMES = ("a", "b", SKY, "c", "d", "e", "f", "g", "h", "i")
@@ -51,6 +51,17 @@ def drawn():
     return draws(16)
 
 
+def upright(sample):
+    """A Sample as the scene stands, and whether it was drawn as its mirror image."""
+    t = sample.temperature_k.numpy()
+    row, column = np.argwhere(RECORD.temperature_k == t[-1, -1])[0]  # all differ, but the sky's
+    mirrored = column == 0 or RECORD.temperature_k[row, column - 1] != t[-1, -2]
+    if not mirrored:
+        return sample, False
+    turned = (a.flip(-1) for a in sample[1:])
+    return Sample(sample.known, *turned), True
+
+
 def level(sample):
     """Which of GREY each material of the library is, by its mean emissivity."""
     e = sample.known.emissivity.mean(dim=(1, 2)).numpy()
@@ -68,8 +79,10 @@ def test_the_same_generator_draws_the_same_sample():
 
 
 def test_truth_follows_the_library_wherever_its_materials_stand(drawn):
-    orders = set()
+    orders, mirrored = set(), set()
     for s in drawn:
+        s, turned = upright(s)
+        mirrored.add(turned)
         names = level(s)
         assert len(set(names)) == len(names) and MATERIALS <= len(names) <= len(NAMES)
         # what is at a pixel is what was there, under its new number
@@ -79,7 +92,7 @@ def test_truth_follows_the_library_wherever_its_materials_stand(drawn):
         np.testing.assert_array_equal(s.temperature_k.numpy(), RECORD.temperature_k)
         np.testing.assert_array_equal(s.sky_view.numpy(), RECORD.sky_view)
         orders.add(tuple(names))
-    assert len(orders) == len(drawn)
+    assert len(orders) == len(drawn) and mirrored == {False, True}
     assert len({names[0] for names in orders}) > 4 and len({len(n) for n in orders}) > 2
 
 
@@ -132,6 +145,7 @@ def test_equation_1_holds_up_to_noise_of_the_size_that_is_claimed(monkeypatch):
     """Of ground pixels S - e B(T) - (1 - e) X is white, of zero mean and variance sigma^2."""
     monkeypatch.setattr(samples, "CURVE_ERROR", 0.0)
     for s in draws(8):
+        s, _ = upright(s)
         known, ground = s.known, s.ground.numpy()
         e = GREY[RECORD.material][ground][:, None]
         nodes = known.nodes_um.double().numpy()
@@ -166,8 +180,8 @@ def test_the_library_errs_as_much_as_is_said(monkeypatch):
 def test_a_crop_is_a_part_of_the_scene_that_is_known_as_a_whole():
     places = set()
     for seed in range(6):
-        whole = draw(RECORD, np.random.default_rng(seed))
-        part = draw(RECORD, np.random.default_rng(seed), side=10)
+        whole, _ = upright(draw(RECORD, np.random.default_rng(seed)))
+        part, _ = upright(draw(RECORD, np.random.default_rng(seed), side=10))
         assert all(torch.equal(a, b) for a, b in zip(whole.known, part.known, strict=True))
         t = part.temperature_k.numpy()
         y, x = np.argwhere(RECORD.temperature_k == t[0, 0])[0]  # all of them differ, but the sky's
