@@ -8,7 +8,7 @@ k = 4 objects, two threads; to be run where there are two cores. In one run, in 
 repeated as stands in a row:
 
     local, net+sgd        texnet: the whole of `decompose` but files and pictures
-    net                   the network with the evidence it reads, in torch, on a part of the frame
+    net                   the network with the evidence it reads, in torch, on one tile
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
                           pixels whose materials are not sky
@@ -58,7 +58,7 @@ from texnet.pipeline import decompose
 FRAME, BANDS, K, NETD_K, THREADS = (1080, 1920), 54, 4, 0.05, 2
 PIECE = 4  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 12
-PART = (544, 960)
+PART, TILE = (544, 960), 224
 REPEATS = 3
 ONNX = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
 SIMULATED, SPP = (256, 384), 16
@@ -105,17 +105,16 @@ def methods(cube, library):
     pixels = cube.shape[0] * cube.shape[1]
     known = known_arrays(cube, library, estimate_environment(cube, library, K))
     known = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
-    height, width = PART
-    part = torch.from_numpy(np.ascontiguousarray(cube.radiance[:, :height, :width]))
+    part = torch.from_numpy(np.ascontiguousarray(cube.radiance[:, :TILE, :TILE]))
     network = shipped_network()
 
     def net():
         with torch.no_grad():
-            network(known, stem(known, part)[0], PART)
+            network(known, stem(known, part)[0], (TILE, TILE))
 
     return [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
-        timed("net", height * width, net),
+        timed("net", TILE**2, net),
         timed("local", pixels, lambda: decompose(cube, library, method="local", k=K)),
     ]
 
