@@ -5,6 +5,7 @@ weights, and a run that was stopped goes on from its last epoch to the same resu
 batch is one scene, because libraries and bands differ in size; gradients of a few are averaged.
 """
 
+import atexit
 import hashlib
 import json
 import logging
@@ -200,7 +201,7 @@ class Loader(DataLoader):
         several = dict(multiprocessing_context="spawn", persistent_workers=True) if WORKERS else {}
         super().__init__(
             data, batch_size=None, sampler=order, num_workers=WORKERS,
-            worker_init_fn=_one_thread, **several,
+            worker_init_fn=_as_worker, **several,
         )  # fmt: skip
 
     def __iter__(self):
@@ -212,8 +213,10 @@ class Loader(DataLoader):
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _one_thread(_):
+def _as_worker(_):
     threadpool_limits(1)  # more would wait for each other
+    # at once: threads of native libraries, still running, may abort an orderly end with a message
+    atexit.register(os._exit, 0)
 
 
 def fit(module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, progress=None):
