@@ -13,7 +13,7 @@ environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
 bands        bands of finite width
 reduced      the forward model in r dimensions, and the evidence
-unbounded    Eq. 6 without V's bounds: fast, and a lower bound
+unbounded    Eq. 6 without V's bounds: fast, and nearly a lower bound
 local        Eq. 6 exactly, pixel by pixel
 semiglobal   Eq. 6 with smoothness of T and m
 known        what the network is told of a scene
