@@ -7,7 +7,8 @@ quarter of the size, repeated), the starter library of 30 materials, an estimate
 k = 4 objects, two threads; to be run where there are two cores. In one run, in turn, so often
 repeated as stands in a row:
 
-    local, net+sgd        texnet: the whole of `decompose` but files and pictures
+    local, net+sgd        texnet: the whole of `decompose` but files and pictures; where torch
+                          finds a GPU, net+sgd on that, too
     net                   the network with the evidence it reads, in torch, on one tile
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
@@ -20,7 +21,9 @@ repeated as stands in a row:
 
 then the simulator (rays a second, traced and shaded, against bare Embree on the same rays),
 start-up times and peak memory of whole commands, and `growth`: time against pixels, bands,
-materials and k, with exponents fitted to log time (growth.png). Writes speed.json.
+materials and k, of the simulator against pixels, bands and paths per pixel, with exponents
+fitted to log time (growth.png). Writes speed.json. --large adds a cube of 4096 x 4096 pixels to
+the commands, which takes 20 GB of disk.
 """
 
 import argparse
@@ -36,6 +39,8 @@ from pathlib import Path
 import numba
 import numpy as np
 import torch
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from threadpoolctl import threadpool_limits
 
 from benchmarks.rows import write_csv
@@ -51,7 +56,7 @@ from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands, equidistant_bands
 from physics.simulator.traced import trace_on_demand
 from physics.whole_file import whole_file
-from texnet.learned import shipped_network
+from texnet.learned import shipped_network, torch_model
 from texnet.network import stem
 from texnet.pipeline import decompose
 
@@ -68,6 +73,12 @@ GROWTH = {
     "materials": (3, 6, 12, 24, 30),
     "k": (1, 2, 4, 8, 10),
 }
+SIMULATED_GROWTH = {
+    "pixels": (48, 96, 192, 256),  # on a side
+    "bands": (10, 25, 50, 100),
+    "paths": (4, 12, 36, 72),  # per pixel
+}
+LARGE = (4096, 4096)
 
 
 def frame(traced, library, bands=BANDS, size=FRAME):
@@ -112,11 +123,16 @@ def methods(cube, library):
         with torch.no_grad():
             network(known, stem(known, part)[0], (TILE, TILE))
 
-    return [
+    rows = [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
         timed("net", TILE**2, net),
         timed("local", pixels, lambda: decompose(cube, library, method="local", k=K)),
     ]
+    if torch.cuda.is_available():
+        there = torch_model(device="cuda")
+        on_gpu = timed("net+sgd, GPU", pixels, lambda: decompose(cube, library, k=K, model=there))
+        rows.append(on_gpu | {"device": torch.cuda.get_device_name()})
+    return rows
 
 
 def scipy_fit(cube, library, environment):
@@ -281,21 +297,23 @@ class _Timed:
         return hit
 
 
-def commands(traced, library):
+def commands(traced, library, large):
     """Seconds and peak memory of whole commands, each in a process of its own."""
     rows = [_command("texnet --help", ["--help"])]
+    sizes = [(256, 256), FRAME, *([LARGE] if large else [])]
     with tempfile.TemporaryDirectory() as folder:
         from texnet.cube_io import write_cube
 
-        for name, size in (("256 x 256", (256, 256)), ("1080 x 1920", FRAME)):
+        for size in sizes:
             cube = frame(traced, library, size=size)
-            path = Path(folder) / "cube.npz"
+            path, cube_bytes = Path(folder) / "cube.npz", cube.radiance.nbytes
             write_cube(cube, path)
+            del cube
             row = _command(
-                f"texnet decompose, {name} x {BANDS}",
+                f"texnet decompose, {size[0]} x {size[1]} x {BANDS}",
                 ["decompose", str(path), "--out", str(Path(folder) / "out"), "--k", str(K)],
             )
-            rows.append(row | {"peak_over_cube": row["peak_bytes"] / cube.radiance.nbytes})
+            rows.append(row | {"peak_over_cube": row["peak_bytes"] / cube_bytes})
     return rows
 
 
@@ -313,7 +331,7 @@ def _command(what, words):
 
 
 def growth(traced, library):
-    """Rows: seconds of local and of net+sgd while one size grows."""
+    """Rows: seconds of local, of net+sgd and of the simulator while one size grows."""
     from export.runtime import Runtime
 
     run = Runtime(ONNX, THREADS).run
@@ -331,6 +349,20 @@ def growth(traced, library):
                 size = side * side if axis == "pixels" else n
                 seconds = row["seconds_per_megapixel"] * side * side / 1e6
                 yield {"axis": axis, "size": size, "method": method, "seconds": seconds}
+    scene = preset("forest", 7)
+    for axis, sizes in SIMULATED_GROWTH.items():
+        for n in sizes:
+            side = n if axis == "pixels" else 128
+            w, fwhm = equidistant_bands(n if axis == "bands" else BANDS)
+            spp = n if axis == "paths" else SPP
+            run = lambda: simulate(  # noqa: E731
+                scene, wavelength_um=w, fwhm_um=fwhm, size=(side, side), spp=spp,  # noqa: B023
+                netd_k=NETD_K, seed=7, library=library,
+            )  # fmt: skip
+            row = timed("simulate", side * side, run, repeats=1)
+            size = side * side if axis == "pixels" else n
+            seconds = row["seconds_per_megapixel"] * side * side / 1e6
+            yield {"axis": axis, "size": size, "method": "simulate", "seconds": seconds}
 
 
 def _some(library, n):
@@ -342,28 +374,25 @@ def _some(library, n):
 def exponents(rows):
     """{axis: {method: exponent of time}}, by least squares on the logarithms."""
     found = {}
-    for axis in GROWTH:
-        for method in ("local", "net+sgd"):
-            of = [r for r in rows if (r["axis"], r["method"]) == (axis, method)]
-            x, y = (np.log([r[name] for r in of]) for name in ("size", "seconds"))
-            found.setdefault(axis, {})[method] = float(np.polyfit(x, y, 1)[0])
+    for axis, method in dict.fromkeys((r["axis"], r["method"]) for r in rows):
+        of = [r for r in rows if (r["axis"], r["method"]) == (axis, method)]
+        x, y = (np.log([r[name] for r in of]) for name in ("size", "seconds"))
+        found.setdefault(axis, {})[method] = float(np.polyfit(x, y, 1)[0])
     return found
 
 
 def _draw(rows, fitted, path):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, len(GROWTH), figsize=(12, 3.2), layout="constrained")
-    for ax, axis in zip(axes, GROWTH, strict=True):
-        for method, mark in (("local", "o-"), ("net+sgd", "s--")):
+    marks = {"local": "o-", "net+sgd": "s--", "simulate": "^:"}
+    figure = Figure(figsize=(12, 3.2), layout="constrained")
+    axes = figure.subplots(1, len(fitted))
+    for ax, (axis, exponent) in zip(axes, fitted.items(), strict=True):
+        for method, slope in exponent.items():
             of = [r for r in rows if (r["axis"], r["method"]) == (axis, method)]
-            label = f"{method}: exponent {fitted[axis][method]:.2f}"
-            ax.loglog([r["size"] for r in of], [r["seconds"] for r in of], mark, label=label)
+            size, seconds = [r["size"] for r in of], [r["seconds"] for r in of]
+            ax.loglog(size, seconds, marks[method], label=f"{method}: {slope:.2f}")
         ax.set(xlabel=axis)
-        ax.legend(fontsize=8)
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.legend(title="exponent", fontsize=8, title_fontsize=8)
     axes[0].set(ylabel="seconds")
     figure.savefig(path, dpi=110)
 
@@ -371,7 +400,7 @@ def _draw(rows, fitted, path):
 # --- all of it ----------------------------------------------------------------------------
 
 
-def measure(out, say=print):
+def measure(out, large=False, say=print):
     """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json."""
     out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
@@ -397,7 +426,7 @@ def measure(out, say=print):
     for row in rows:
         say(f"{row['what']:24} {row['seconds_per_megapixel']:12.3f} s/Mpx")
     del cube
-    whole = commands(traced, library)
+    whole = commands(traced, library, large)
     for row in whole:
         say(f"{row['what']:40} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
     grown = list(growth(traced, library))
@@ -429,9 +458,10 @@ def _versions():
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--large", action="store_true", help="a cube of 3.6 GB, too; 20 GB of disk")
     parser.add_argument("--json", action="store_true", help="print speed.json last")
     args = parser.parse_args()
-    result = measure(args.out)
+    result = measure(args.out, args.large)
     if args.json:
         print(json.dumps(result, default=float))
 

@@ -12,9 +12,8 @@ import onnxruntime
 
 from physics.errors import InputError
 from physics.known import bytes_per_pixel
-from physics.tiles import run_tiled
+from physics.tiles import TILE_BYTES, run_tiled
 
-TILE_BYTES = 1e9  # about
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 

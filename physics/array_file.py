@@ -5,15 +5,19 @@ import zlib
 
 import numpy as np
 
+from . import scratch
 from .errors import InputError
 from .whole_file import whole_file
 
 
 def save_arrays(path, arrays, *, compress):
-    """Write a dict of arrays as an npz, whole or not at all."""
-    # A file and not its name, to which numpy would add .npz.
-    with whole_file(path) as part, open(part, "wb") as file:
-        (np.savez_compressed if compress else np.savez)(file, **arrays)
+    """Write a dict of arrays as an npz, whole or not at all, in little memory."""
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+    with whole_file(path) as whole, zipfile.ZipFile(whole, "w", method) as file:
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as npy:
+                np.lib.format.write_array(npy, np.asarray(array), allow_pickle=False)
+            scratch.release(array)
 
 
 def load_arrays(path, names, what):

@@ -17,9 +17,13 @@ rest of the residual is the light of other objects. Without sky among the object
 daylight, and the residual alone (its root mean square in noise units) shows the texture.
 """
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from .planck import radiance
+from .reduced import groups
 
 
 def distill(model, spectra, row, temperature_k, thermal_lighting):
@@ -32,25 +36,32 @@ def distill(model, spectra, row, temperature_k, thermal_lighting):
     band mean (both are zero for sky), and the residual (P,) as a root mean square in noise
     units, what C explains besides the sensor's noise taken out.
     """
-    environment, share, e = model.environment, model.sky_share[row, None], model.emissivity[row]
-    texture = thermal_lighting @ environment.radiance
-    rendered = e * radiance(model.wavelength_um, temperature_k[:, None]) + (1 - e) * texture
-    rendered = (1 - share) * rendered
-    if share.any():
-        rendered += share * environment.sky_mean
-    r = (spectra - rendered) / model.sigma
-    u = model.deviation[row]  # (P, bands, d)
-    c = np.linalg.solve(np.eye(u.shape[2]) + u.transpose(0, 2, 1) @ u,
-                        u.transpose(0, 2, 1) @ r[:, :, None])  # fmt: skip
-    residual = np.sqrt(((r - (u @ c)[..., 0]) ** 2).mean(axis=1))
-    n = len(environment.spread)
-    of_sky = c[:, n : n + len(environment.skylight_spread), 0] @ environment.skylight_spread
-    texture = texture + c[:, :n, 0] @ environment.spread + of_sky
-    sky = model.material[row] == model.library.sky_index
-    texture[sky] = 0.0
-    if not environment.sky:
-        return texture, residual, residual
-    objects = list(environment.sky)
-    v = thermal_lighting[:, objects]
-    lit = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky.mean(axis=1)
-    return texture, np.where(sky, 0.0, lit), residual
+    environment = model.environment
+    objects, n = list(environment.sky), len(environment.spread)
+    directions = np.concatenate([environment.spread, environment.skylight_spread])
+    texture = np.empty((len(model.sigma), len(row)), np.float32).T
+    lit, residual = np.zeros((2, len(row)), np.float32)
+
+    def of_group(group):
+        r, index = group
+        share, e, u = model.sky_share[r], model.emissivity[r], model.deviation[r]
+        v = thermal_lighting[index]
+        x = v @ environment.radiance
+        glow = e * radiance(model.wavelength_um, temperature_k[index, None])
+        rendered = (1 - share) * (glow + (1 - e) * x)
+        if share:
+            rendered += share * environment.sky_mean
+        off = (spectra[index] - rendered) / model.sigma
+        c = off @ np.linalg.solve(np.eye(u.shape[1]) + u.T @ u, u.T).T
+        residual[index] = np.sqrt(((off - c @ u.T) ** 2).mean(axis=1))
+        if model.material[r] == model.library.sky_index:
+            texture[index] = 0.0
+            return
+        texture[index] = x + c[:, : len(directions)] @ directions
+        of_sky = c[:, n : len(directions)] @ directions[n:].mean(axis=1)
+        v = v[:, objects]
+        lit[index] = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # numpy is one thread
+        list(pool.map(of_group, groups(row)))
+    return texture, lit if objects else residual, residual

@@ -59,7 +59,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     cube = cube.with_netd()
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
-    spectra = cube.spectra[pick].astype(np.float64) / cube.sigma
+    spectra = cube.pixels(pick) / cube.sigma
     row = pick // cube.shape[1] / cube.shape[0]
 
     sky = _sky_pixels(cube, library, spectra, row, seed)

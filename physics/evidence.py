@@ -151,7 +151,7 @@ def hypotheses(known: Known) -> Hypotheses:
     free = cholesky(gram, MAX_COMPONENTS)[1] @ of_x.transpose(1, 2)
     precision = free.transpose(1, 2) @ free
     root, _ = cholesky(precision, MAX_UNKNOWNS)
-    precision = precision + torch.eye(r, dtype=rows.dtype)
+    precision = precision + _eye(r, r, rows)
     lower, inverse = cholesky(gram + of_x.transpose(1, 2) @ of_x, MAX_COMPONENTS)
     of_d, of_x = of_d @ inverse.transpose(1, 2), of_x @ inverse.transpose(1, 2)  # (L^-1 U F')'
     centre = mean.mean(dim=0)
@@ -195,14 +195,14 @@ def evidence(h: Hypotheses, s):
 def _products(z):
     """(HALF^2, P) z_i z_j for i in the lower and j in the upper half of MAX_COMPONENTS, and
     (2 HALF^2, P) for both in the one or both in the other half, of z (d, P)."""
-    z = torch.eye(MAX_COMPONENTS, z.shape[0], dtype=z.dtype) @ z
+    z = _eye(MAX_COMPONENTS, z.shape[0], z) @ z
     z = z.reshape(2, HALF, -1)
     return (z[0][:, None] * z[1]).flatten(0, 1), (z[:, :, None] * z[:, None]).flatten(0, 2)
 
 
 def _of_products(form):
     """(R, 3 HALF^2) what multiplies `_products` in quadratic forms (R, d, d)."""
-    pad = torch.eye(MAX_COMPONENTS, form.shape[1], dtype=form.dtype)
+    pad = _eye(MAX_COMPONENTS, form.shape[1], form)
     form = (pad @ form @ pad.T).reshape(-1, 2, HALF, 2, HALF)
     parts = 2 * form[:, 0, :, 1], form[:, 0, :, 0], form[:, 1, :, 1]
     return torch.cat([part.flatten(1) for part in parts], dim=1)
@@ -220,8 +220,8 @@ def hermite(t):
 def _planck_series(nodes_um, prior_k):
     """(n + 1, bands, nodes) coefficients of B(T_0 + tau t) in orthonormal Hermite polynomials."""
     t, w = np.polynomial.hermite_e.hermegauss(QUADRATURE)
-    t, w = torch.from_numpy(t), torch.from_numpy(w / w.sum())
-    value = torch.cat([torch.ones(1, QUADRATURE, dtype=t.dtype), hermite(t)[0]])
+    t, w = (torch.from_numpy(a).to(prior_k.device) for a in (t, w / w.sum()))
+    value = torch.cat([torch.ones_like(t)[None], hermite(t)[0]])
     temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=COLDEST_PRIOR_K)
     b = radiance(nodes_um, temperature[:, None, None])
     return torch.einsum("di,ibn->dbn", w * value, b)
@@ -233,9 +233,9 @@ def cholesky(gram, most):
     Padded with the identity to `most` >= q, a multiple of BLOCK; block by block, within a block
     by elimination.
     """
-    pad = torch.eye(most, gram.shape[1], dtype=gram.dtype)
-    a = pad @ gram @ pad.T + torch.eye(most, dtype=gram.dtype)
-    inverse = torch.eye(most, dtype=gram.dtype).expand_as(a)
+    pad = _eye(most, gram.shape[1], gram)
+    a = pad @ gram @ pad.T + _eye(most, most, gram)
+    inverse = _eye(most, most, gram).expand_as(a)
     lower, rows = [], []
     for start in range(0, most, BLOCK):
         # a and inverse hold the rows and columns not yet eliminated
@@ -253,13 +253,17 @@ def cholesky(gram, most):
     )
 
 
+def _eye(rows, columns, like):
+    return torch.eye(rows, columns, dtype=like.dtype, device=like.device)
+
+
 def _root_inverse(a):
     """l^-1 of a (R, BLOCK, BLOCK) = l l', by Gauss's elimination of [a, I]."""
-    eye = torch.eye(BLOCK, dtype=a.dtype)
+    eye = _eye(BLOCK, BLOCK, a)
     both = torch.cat([a, eye.expand_as(a)], dim=2)
     for i in range(BLOCK - 1):
         row, column = both[:, i : i + 1], both[:, :, i : i + 1]
-        below = (torch.arange(BLOCK)[:, None] > i).to(a.dtype)
+        below = (torch.arange(BLOCK, device=a.device)[:, None] > i).to(a.dtype)
         both = both - (below * column / row[:, :, i : i + 1]) * row
     pivots = (both[:, :, :BLOCK] * eye).sum(2, keepdim=True)
     return both[:, :, BLOCK:] * torch.rsqrt(pivots)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import scratch
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
 
@@ -31,7 +32,8 @@ def check_wavelength(wavelength_um, what):
 class HeatCube:
     """A heat cube S, immutable.
 
-    radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive
+    radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive; copied
+                   unless it is read-only
     wavelength_um  (bands,) band centres in um, ascending
     fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
@@ -45,7 +47,9 @@ class HeatCube:
     netd_k: float | None = None
 
     def __post_init__(self):
-        s = np.array(self.radiance, dtype=np.float32)
+        s = np.asarray(self.radiance, dtype=np.float32)
+        if s.flags.writeable:
+            s = s.copy()
         w = check_wavelength(self.wavelength_um, "cube")
         if s.ndim != 3 or 0 in s.shape:
             raise InputError(f"cube: radiance must be (bands, height, width), got {s.shape}.")
@@ -54,14 +58,15 @@ class HeatCube:
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
                 "give one wavelength per band, bands first."
             )
-        if not np.isfinite(s).all():
+        bad = dark = 0
+        for band in scratch.parts(s):
+            bad += np.count_nonzero(~np.isfinite(band))
+            dark += np.count_nonzero(band <= 0)
+        if bad:
+            raise InputError(f"cube: {bad} values are NaN or infinite; replace or crop them.")
+        if dark:
             raise InputError(
-                f"cube: {np.count_nonzero(~np.isfinite(s))} values are NaN or infinite; "
-                "replace or crop them."
-            )
-        if (s <= 0).any():
-            raise InputError(
-                f"cube: {np.count_nonzero(s <= 0)} radiance values are zero or negative; "
+                f"cube: {dark} radiance values are zero or negative; "
                 "check the calibration and drop dead bands."
             )
         middle = len(w) // 2
@@ -96,6 +101,15 @@ class HeatCube:
         """(height * width, bands) float32, one row per pixel, row-major; a view."""
         return self.radiance.reshape(self.bands, -1).T
 
+    def sample(self, most):
+        """(n, bands) float64 spectra of a regular subsample of most pixels or a few more."""
+        return self.pixels(slice(None, None, max(1, self.radiance[0].size // most)))
+
+    def pixels(self, index):
+        """(n, bands) float64 spectra of the pixels that index picks from `spectra`."""
+        bands = scratch.parts(self.radiance)
+        return np.stack([band.reshape(-1)[index].astype(np.float64) for band in bands], axis=1)
+
     @property
     def sigma(self):
         """(bands,) noise standard deviation, W m-2 sr-1 um-1; needs netd_k."""
@@ -106,8 +120,8 @@ class HeatCube:
     @property
     def brightness_temperature_k(self):
         """(height, width) brightness temperature averaged over the bands, in K."""
-        t = brightness_temperature(self.wavelength_um[:, None, None], self.radiance)
-        return t.mean(axis=0)
+        bands = zip(self.wavelength_um, scratch.parts(self.radiance), strict=True)
+        return sum(brightness_temperature(w, s) for w, s in bands) / self.bands
 
     def with_netd(self):
         """This cube, with NETD estimated from its own pixels where it is not known.
@@ -119,14 +133,16 @@ class HeatCube:
         """
         if self.netd_k is not None:
             return self
-        scaled = self.radiance / noise_sigma(self.wavelength_um, 1.0)[:, None, None]
-        if self.bands >= 12 and scaled[0].size > 2 * self.bands:
-            step = max(1, scaled[0].size // 20000)
-            variance = np.linalg.eigvalsh(np.cov(scaled.reshape(self.bands, -1)[:, ::step]))
+        sigma = noise_sigma(self.wavelength_um, 1.0)
+        if self.bands >= 12 and self.radiance[0].size > 2 * self.bands:
+            variance = np.linalg.eigvalsh(np.cov((self.sample(20000) / sigma).T))
             netd = np.sqrt(np.median(variance))
         elif min(self.shape) >= 3:
-            second = scaled[:, 1:-1] - 0.5 * (scaled[:, :-2] + scaled[:, 2:])
-            netd = np.median(np.abs(second)) / 0.6745 / np.sqrt(1.5)
+            second = [
+                np.abs(band[1:-1] - 0.5 * (band[:-2] + band[2:])) / s
+                for band, s in zip(scratch.parts(self.radiance), sigma, strict=True)
+            ]
+            netd = np.median(second) / 0.6745 / np.sqrt(1.5)
         else:
             raise InputError("cube: its NETD is not known and it is too small to estimate it.")
         netd = float(np.clip(netd, 1e-3, 99.0))

@@ -13,6 +13,7 @@ MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
 HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
 SAMPLES = 6000  # pixels that the basis is made from
+SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
 
@@ -43,9 +44,8 @@ def known_arrays(cube, library, environment):
     sky_object = np.zeros(len(environment))
     sky_object[list(environment.sky)] = 1
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
-    s = cube.spectra[:: max(1, len(cube.spectra) // SAMPLES)].astype(np.float64)
-    # usual: what pixels look like in their most opaque band
-    usual = np.median(brightness_temperature(cube.wavelength_um, s).max(axis=1))
+    s = cube.sample(SAMPLES)
+    usual = _usual_temperature(s, cube, environment)
     basis = _basis(s / cube.sigma, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
@@ -64,6 +64,19 @@ def bytes_per_pixel(known):
     of_evidence = 6 * MAX_COMPONENTS**2 + 4 * 2 * materials * (unknowns + 6)
     of_answer = 36 * unknowns**2 + 24 * (bands * nodes + materials)
     return of_evidence + of_answer + 1000
+
+
+def _usual_temperature(s, cube, environment):
+    """K: the median of what pixels s (n, bands) but the sky's look like in their most opaque
+    band."""
+    t = brightness_temperature(cube.wavelength_um, s).max(axis=1)
+    if environment.sky_mean is None:
+        return np.median(t)
+    off = (s - environment.sky_mean) / cube.sigma
+    u = environment.sky_spread / cube.sigma
+    chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
+    ground = chi2 > SKY_CHI2 * cube.bands
+    return np.median(t[ground] if ground.any() else t)
 
 
 def _basis(s, cube, emissivity, environment, mean_k, spread_k):

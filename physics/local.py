@@ -25,7 +25,7 @@ from numpy.polynomial import chebyshev
 
 from . import unbounded
 from .planck import brightness_temperature
-from .reduced import ReducedModel
+from .reduced import ReducedModel, groups
 
 PIXELS_PER_BLOCK = 4096
 # More than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
@@ -97,7 +97,7 @@ def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k
     energy, t, sigma = np.empty(pixels), np.empty(pixels), np.empty(pixels)
     v = np.empty((pixels, model.k))
     prior, prior_mean = model.prior_sigma_k**-2.0, model.prior_mean_k
-    for r, index in _groups(row):
+    for r, index in groups(row):
         h, constant = model.inner_products(spectra[index] / model.sigma, r)
         total = weight[index] + prior
         mean = (weight[index] * mean_k[index] + prior * prior_mean) / total - model.mid_k
@@ -119,7 +119,7 @@ def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k
 def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
     """(P,) J + occam at any hypothesis, T and V; arguments as in `solve_given`, V (P, k)."""
     energy = np.empty(len(spectra))
-    for r, index in _groups(row):
+    for r, index in groups(row):
         h, constant = model.inner_products(spectra[index] / model.sigma, r)
         tau = (temperature_k[index] - model.mid_k) / model.half_k
         u = np.concatenate([chebyshev.chebvander(tau, model.terms - 1), lighting[index]], axis=1)
@@ -128,14 +128,6 @@ def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
             + 0.5 * ((temperature_k[index] - model.prior_mean_k) / model.prior_sigma_k) ** 2
         )  # fmt: skip
     return energy
-
-
-def _groups(row):
-    """(hypothesis, indices of its pixels) block by block."""
-    for r in np.unique(row):
-        index = np.flatnonzero(row == r)
-        for start in range(0, len(index), PIXELS_PER_BLOCK):
-            yield r, index[start : start + PIXELS_PER_BLOCK]
 
 
 @numba.njit(cache=True, fastmath=False)

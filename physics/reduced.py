@@ -44,6 +44,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from . import scratch
 from .bands import quadrature
 from .environment import Environment
 from .errors import InputError
@@ -51,6 +52,7 @@ from .heat_cube import HeatCube
 from .library import MaterialLibrary
 from .planck import brightness_temperature, noise_sigma, radiance
 
+PIXELS_PER_GROUP = 4096
 SERIES_TOLERANCE = 0.005  # noise units
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
@@ -130,8 +132,8 @@ def reduce_model(
     t = scene_temperatures(cube)
     prior_mean, prior_sigma = float(np.median(t)), max(MIN_TEMPERATURE_SPREAD_K, float(t.std()))
     # the darkest and the brightest that every band saw: no pixel lies beyond
-    ends = np.stack([cube.radiance.min(axis=(1, 2)), cube.radiance.max(axis=(1, 2))])
-    ends = brightness_temperature(w, ends.astype(np.float64)).mean(axis=1)
+    ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
+    ends = brightness_temperature(w, ends.T).mean(axis=1)
     low, high = max(ends[0] - 40.0, 60.0), ends[1] + 60.0
     mid, half = 0.5 * (high + low), 0.5 * (high - low)
 
@@ -213,9 +215,15 @@ def _hypotheses(library, environment):
 
 def scene_temperatures(cube, samples=20000):
     """(n,) brightness temperatures in K of a regular subsample of pixels."""
-    s = cube.spectra
-    s = s[:: max(1, len(s) // samples)].astype(np.float64)
-    return brightness_temperature(cube.wavelength_um, s).mean(axis=1)
+    return brightness_temperature(cube.wavelength_um, cube.sample(samples)).mean(axis=1)
+
+
+def groups(row):
+    """(hypothesis, indices of its pixels) of row (P,), at most PIXELS_PER_GROUP at once."""
+    for r in np.unique(row):
+        index = np.flatnonzero(row == r)
+        for start in range(0, len(index), PIXELS_PER_GROUP):
+            yield r, index[start : start + PIXELS_PER_GROUP]
 
 
 def _planck_series(nodes, emissivity, sigma, mid, half):

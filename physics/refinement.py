@@ -70,8 +70,8 @@ class Refined(NamedTuple):
 def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
     """L'_2 of a precision kappa, by what its parts mean."""
     scale, r = lighting_scale(k), k + TERMS
-    eye = torch.eye(r, dtype=h.precision.dtype)
-    is_v = (torch.arange(r) < k).to(eye.dtype)
+    eye = torch.eye(r, dtype=h.precision.dtype, device=h.precision.device)
+    is_v = (torch.arange(r, device=eye.device) < k).to(eye.dtype)
     lower, inverse = cholesky(
         h.precision + torch.diag(is_v * (precision - 1.0)) - eye, MAX_UNKNOWNS
     )
@@ -172,7 +172,7 @@ def _times(a, x):
 
 def one_hot(row, n):
     """(n, ...) float32 1 where row (...) is that index, else 0."""
-    return (torch.arange(n).reshape(-1, *(1,) * row.ndim) == row).float()
+    return (torch.arange(n, device=row.device).reshape(-1, *(1,) * row.ndim) == row).float()
 
 
 def of_rows(x, hot):

@@ -95,6 +95,16 @@ class Refined:
     objective: tuple[float, ...]
 
 
+def unsmoothed(model: ReducedModel, spectra, local: LocalSolution) -> Refined:
+    """The local answer in full: V too, and probabilities from the evidence alone."""
+    p, nothing = np.arange(len(spectra)), np.zeros(len(spectra))
+    m = local.energy.argmin(axis=1)
+    row = local.row[p, m]
+    start_k = local.temperature_k[p, m].astype(np.float64)
+    _, t, v, sigma = solve_given(model, spectra, row, start_k, nothing, nothing)
+    return Refined(State(t, m, v, row), sigma, _softmax(-local.energy), ())
+
+
 class Objective:
     """E of one cube: the unaries come from the local solution, the edges from the cube.
 
@@ -131,15 +141,6 @@ class Objective:
         m = self.local.energy.argmin(axis=1)
         t = self.local.temperature_k[np.arange(len(m)), m]
         return self.state(t, m, np.full((len(m), self.model.k), 1.0 / self.model.k))
-
-    def unsmoothed(self, state):
-        """The local answer in full: V too, and probabilities from the evidence alone."""
-        nothing = np.zeros(len(state.material))
-        _, t, v, sigma = solve_given(
-            self.model, self.spectra, state.row, state.temperature_k, nothing, nothing
-        )
-        probability = _softmax(-self.local.energy)
-        return Refined(State(t, state.material, v, state.row), sigma, probability, ())
 
     def value(self, state):
         """E(T, m, V) in nats."""

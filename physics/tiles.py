@@ -1,11 +1,16 @@
 """A picture of any size, worked off in tiles that see a halo around themselves.
 
-Where an answer looks no farther than the halo, tiling changes nothing but the memory it takes.
+Where an answer looks no farther than the halo, tiling changes nothing but the memory it takes:
+that of a tile, picture and large maps being in files (`scratch`).
 """
 
 import math
 
 import numpy as np
+
+from . import scratch
+
+TILE_BYTES = 6e8  # about what the work on one tile may take
 
 
 def run_tiled(run, image, halo, pixels, progress=None, multiple=1):
@@ -27,10 +32,12 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1):
         tile = image[..., top : y + side + halo, left : x + side + halo]
         h, w = min(side, height - y), min(side, width - x)
         inner = np.array([y - top, x - left, h, w])
-        for name, part in run(np.ascontiguousarray(tile), inner).items():
+        for name, part in run(tile.copy(), inner).items():
             if name not in maps:
-                maps[name] = np.empty((*part.shape[:-2], height, width), part.dtype)
+                maps[name] = scratch.empty((*part.shape[:-2], height, width), part.dtype)
             maps[name][..., y : y + h, x : x + w] = part
+            scratch.release(maps[name])
+        scratch.release(image)
         if progress is not None:
             progress(done, len(corners))
     return maps

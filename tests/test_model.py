@@ -12,9 +12,11 @@ from test_network import network, predict
 from test_refinement import cost
 from traced import one_thread  # noqa: F401
 
-from physics import Environment, HeatCube, MaterialLibrary
+from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.evidence import Known
 from physics.planck import radiance
 from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
+from texnet.learned import torch_model
 from texnet.model import TeXModel
 
 SHAPE = (12, 15)
@@ -267,3 +269,20 @@ def test_a_part_is_answered_as_it_is_in_the_whole(inner):
     for name, a, b in zip(whole._fields, whole, part, strict=True):
         a = a[..., top : top + height, left : left + width]
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
+
+
+@pytest.mark.parametrize("steps", [0, STEPS])
+def test_it_is_computed_where_its_inputs_are(steps):
+    """On torch's device without numbers, which refuses to mix with the CPU as a GPU does."""
+    world = world_of()
+    known = Known(**{n: a.to("meta") for n, a in world.known()._asdict().items()})
+    radiance_there = torch.from_numpy(world.cube.radiance.copy()).to("meta")
+    tex = TeXModel(network().to("meta"), steps)(known, radiance_there)
+    assert {x.device.type for x in tex} == {"meta"}
+    assert tex.texture.shape == (world.bands, *SHAPE)
+
+
+def test_a_gpu_that_is_not_there_is_refused(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(InputError, match="take --device cpu"):
+        torch_model(device="cuda")

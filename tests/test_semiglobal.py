@@ -19,7 +19,7 @@ from physics.eq1 import render
 from physics.local import solve_local
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.reduced import reduce_model
-from physics.semiglobal import Objective, State, refine
+from physics.semiglobal import Objective, State, refine, unsmoothed
 
 
 def smooth_map(rng, shape, scale):
@@ -420,7 +420,7 @@ def test_beats_the_local_answer_on_piecewise_constant_scenes():
         s, _ = render(temperature, library.at(w)[material], lighting, environment.radiance, w)
         s = s + rng.normal(size=s.shape) * noise_sigma(w, 0.2)
         objective, smooth = solve(library, environment, s, 0.2)
-        local = objective.unsmoothed(objective.local_state()).state
+        local = unsmoothed(objective.model, objective.spectra, objective.local).state
         scores.append(
             [
                 ((a.material != material.ravel()).mean(),

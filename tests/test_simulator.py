@@ -4,6 +4,8 @@ Statistical assertions are z-tests: the residual of many independent pixels has 
 Thresholds are |z| < 4.5 unless said, one false alarm in 150,000 per number tested.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -180,6 +182,41 @@ def ground_points(camera, size):
         + half * (1 - 2 * i / h)[..., None] * up
     )
     return camera.position - d * (camera.position[2] / d[..., 2])[..., None]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_mirrors_keep_an_isothermal_enclosure_black(share):
+    walls = SceneObject(trimesh.creation.box(extents=(6, 5, 4)), "wall", 290.0, False, "", share)
+    inside = replace(ball("wall", 290.0), mirror=share)
+    scene = Scene([walls, inside], Camera((2, 2, 1), (0, 0, 0.5)))
+    cube, _ = render(scene, library(wall=(0.1, 0.7)))
+    black = np.broadcast_to(radiance(BANDS, 290.0)[:, None, None], cube.radiance.shape)
+    np.testing.assert_allclose(cube.radiance, black, rtol=1e-5)
+
+
+def test_a_mirror_shows_the_sky_where_the_ray_goes():
+    """Flat ground, seen 30 degrees from its plane: S = e B + (1 - e) sky at zenith angle 60."""
+    floor = replace(ground(t=280.0), mirror=1.0)
+    target = (np.cos(np.pi / 6), 0, 2 - np.sin(np.pi / 6))
+    scene = Scene([floor], Camera((0, 0, 2), target, fov_deg=1), Atmosphere())
+    lib = library(soil=(0.3, 0.6))
+    cube, truth = render(scene, lib, size=(3, 3), spp=4)
+    e = lib.at(BANDS)[0]
+    sky = sky_radiance(BANDS, np.array([0.5]), scene.atmosphere)[0]
+    expected = e * radiance(BANDS, 280.0) + (1 - e) * sky
+    np.testing.assert_allclose(cube.radiance.mean(axis=(1, 2)), expected, rtol=2e-3)
+    np.testing.assert_allclose(truth.texture.mean(axis=(1, 2)), sky, rtol=4e-3)
+
+
+def test_half_a_mirror_is_half_mirror_and_half_lambertian():
+    lib, camera = library(soil=(0.2, 0.4)), Camera((0, 0, 2), (3, 0, 0))
+    mean = {}
+    for share in (0.0, 0.5, 1.0):
+        scene = Scene([replace(ground(t=280.0), mirror=share)], camera, Atmosphere())
+        mean[share] = render(scene, lib, spp=256, seed=1)[0].radiance
+    residual = mean[0.5] - (mean[0.0] + mean[1.0]) / 2
+    assert np.abs(z_score(residual.reshape(len(BANDS), -1), axis=1)).max() < Z
+    assert np.abs(mean[1.0] - mean[0.0]).mean() > 5 * np.abs(residual).mean()
 
 
 def test_sky_view_of_the_ground_under_a_sphere():

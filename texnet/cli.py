@@ -55,7 +55,8 @@ def demo(args):
 
 def decompose(args):
     return _decompose(
-        args.cube, args.out, args.library, args.method, args.k, args.model, args.compare
+        args.cube, args.out, args.library, args.method, args.k, args.model, args.compare,
+        args.device,
     )
 
 
@@ -152,7 +153,7 @@ def train(args):
 
         history = train(
             args.out, args.cache, scenes=args.scenes, epochs=args.epochs, seed=args.seed,
-            progress=report,
+            device=args.device, progress=report,
         )  # fmt: skip
     text = f"{_scores('validation scenes', history['validation'])}\n{args.out}: the weights."
     return text, {"command": "train", "model": args.out} | history
@@ -174,7 +175,7 @@ def finetune(args):
 
         network, history = finetune(
             network, library, args.cache, scenes=args.scenes, epochs=args.epochs, cubes=cubes,
-            seed=args.seed, progress=report,
+            seed=args.seed, device=args.device, progress=report,
         )  # fmt: skip
     save_network(network, args.out, history | {"from": past})
     on = "the cubes" if cubes else "scenes held out"
@@ -248,8 +249,9 @@ def bench_speed(args):
 
 
 def _decompose(
-    cube_path, directory, library=None, method="net+sgd", k=5, model=None, compare=False
-):
+    cube_path, directory, library=None, method="net+sgd", k=5, model=None, compare=False,
+    device="cpu",
+):  # fmt: skip
     from physics.library import MaterialLibrary
 
     from .cube_io import read_cube
@@ -263,9 +265,10 @@ def _decompose(
     from .progress import progress_bar
 
     check_directory(directory)
-    run = _runner(method, model)
+    run = _runner(method, model, device)
     with progress_bar() as report:
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
+    del run  # and the memory that it keeps for the next tile
     metrics = None if truth is None else _metrics(d, cube, truth)
     paths = write_decomposition(d, cube, truth, directory, compare or truth is not None)
 
@@ -301,8 +304,10 @@ def _metrics(d, cube, truth):
     return evaluate(d, truth) | {"baselines": baseline_correlations(cube, truth)}
 
 
-def _runner(method, model):
-    """What runs the network: ONNX Runtime for net+sgd; torch for other weights and for net."""
+def _runner(method, model, device):
+    """What runs the network: ONNX Runtime for net+sgd; torch for other weights, net and GPUs."""
+    if device != "cpu" and method not in ("net", "net+sgd"):
+        raise InputError(f"--device: {method} runs on the CPU alone; take --method net+sgd.")
     if method not in ("net", "net+sgd"):
         if model is not None:
             raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
@@ -311,11 +316,15 @@ def _runner(method, model):
         from .learned import torch_model
         from .weights import load_network
 
-        return torch_model(method == "net+sgd", load_network(model)[0])
-    if method == "net":
-        if model is not None:
-            raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
-        return None
+        return torch_model(method == "net+sgd", load_network(model)[0], device)
+    if model is not None and method == "net":
+        raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
+    if model is not None and device != "cpu":
+        raise InputError(f"--model: {model} runs on the CPU alone; give .safetensors.")
+    if method == "net" or device != "cpu":
+        from .learned import torch_model
+
+        return torch_model(method == "net+sgd", device=device)
     from export.runtime import Runtime
 
     if model is not None:
@@ -390,6 +399,12 @@ def _parser():
         command.set_defaults(run=run)
         return command
 
+    def add_device(p):
+        p.add_argument(
+            "--device", choices=("cpu", "cuda"), default="cpu",
+            help="where the network is computed, default: cpu",
+        )  # fmt: skip
+
     p = add(commands, "demo", demo, "decompose the packaged night scene and draw the pictures")
     p.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
 
@@ -427,6 +442,7 @@ def _parser():
         "--model", metavar="FILE", type=Path,
         help=".onnx, or .safetensors from train or finetune; default: the one shipped",
     )  # fmt: skip
+    add_device(p)
     p.add_argument(
         "--k", metavar="N", type=_integer(1, 10), default=5,
         help="objects that stand for the environment, 1-10, default: 5",
@@ -448,6 +464,7 @@ def _parser():
             help="scenes and checkpoints, default: ~/.cache/texnet",
         )  # fmt: skip
         p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
+        add_device(p)
         return p
 
     # the defaults of training.train and training.finetune, which are slow to import

@@ -14,8 +14,10 @@ and, if known, fwhm_um (bands,) and netd_k (a scalar; NaN: not known).
 """
 
 import io
+import math
 import os
 import re
+import tempfile
 import zipfile
 import zlib
 from contextlib import contextmanager, redirect_stdout
@@ -24,6 +26,8 @@ from pathlib import Path
 
 import numpy as np
 
+from physics import scratch
+from physics.array_file import save_arrays
 from physics.errors import InputError
 from physics.heat_cube import HeatCube
 from physics.whole_file import check_writable, whole_file
@@ -39,13 +43,19 @@ EXPONENT = {
 UNITS = "W.m^-2.sr^-1"
 # W m-2 sr-1 per this, times the factor, is W m-2 sr-1 per um.
 PER_UM = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
+READ_BYTES = 1 << 26  # at once
+BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k")
+BROKEN_NPZ = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
 
 
 def read_cube(path):
     """Read a heat cube from an .exr or .npz file (see the module for their layouts).
 
-    Bands come back ascending, in um and W m-2 sr-1 um-1 whatever the file's own units.
+    Bands come back ascending, in um and W m-2 sr-1 um-1 whatever the file's own units. A large
+    cube is not held in memory: an npz that is not packed is looked at where it lies, others are
+    unpacked into a temporary file.
+
     Raises InputError if the file is missing, damaged, or leaves its units open.
     """
     path = Path(path)
@@ -105,34 +115,75 @@ def _read_npz(path):
     try:
         # Opened here, because np.load leaks the file if it is no whole zip.
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            arrays = {key: data[key] for key in data.files}
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as e:
+            held = data.files
+            arrays = {key: data[key] for key in BESIDE_RADIANCE if key in held}
+    except BROKEN_NPZ as e:
         raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
-    missing = {"radiance", "wavelength_um"} - arrays.keys()
+    missing = {"radiance", "wavelength_um"} - set(held)
     if missing:
         raise InputError(
             f"cube: {path} lacks {' and '.join(sorted(missing))}; "
-            f"it holds {', '.join(sorted(arrays)) or 'nothing'}."
+            f"it holds {', '.join(sorted(held)) or 'nothing'}."
         )
-    used = {k: arrays[k] for k in ("radiance", "wavelength_um", "fwhm_um", "netd_k") if k in arrays}
-    for key, array in used.items():
-        if array.dtype.kind not in "fiu":
-            raise InputError(f"cube: {key} in {path} must be real numbers, not {array.dtype}.")
-    netd = used.pop("netd_k", np.array(np.nan))
+    for key, array in arrays.items():
+        _check_numbers(array.dtype, key, path)
+    netd = arrays.pop("netd_k", np.array(np.nan))
     if netd.size != 1:
         raise InputError(f"cube: netd_k in {path} must be one number, got shape {netd.shape}.")
     netd = netd.item()
-    return HeatCube(**used, netd_k=None if np.isnan(netd) else netd)
+    return HeatCube(_unpacked(path), **arrays, netd_k=None if np.isnan(netd) else netd)
+
+
+def _unpacked(path):
+    """The array radiance of an npz as read-only float32, read a part at a time."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open("radiance.npy") as npy:
+            version = np.lib.format.read_magic(npy)
+            read_header = {
+                (1, 0): np.lib.format.read_array_header_1_0,
+                (2, 0): np.lib.format.read_array_header_2_0,
+            }[version]
+            shape, fortran, dtype = read_header(npy)
+            _check_numbers(dtype, "radiance", path)
+            radiance = _allocate(shape[::-1] if fortran else shape)
+            flat, n = radiance.reshape(-1), READ_BYTES // dtype.itemsize
+            for start in range(0, flat.size, n):
+                part = flat[start : start + n]
+                part[:] = np.frombuffer(npy.read(part.size * dtype.itemsize), dtype)
+                scratch.release(radiance)
+            npy.read(1)  # at its end the checksum is looked at
+    except InputError:
+        raise
+    except (*BROKEN_NPZ, KeyError) as e:
+        raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+    radiance.setflags(write=False)
+    return radiance.T if fortran else radiance
+
+
+def _allocate(shape):
+    """Room for a cube; InputError where there is none."""
+    try:
+        return scratch.empty(shape, np.float32)
+    except (OSError, MemoryError) as e:
+        raise InputError(
+            f"cube: no room for its {math.prod(shape) * 4 / 1e9:.1f} GB in the folder for "
+            f"temporary files, {tempfile.gettempdir()}; set TMPDIR to another."
+        ) from e
+
+
+def _check_numbers(dtype, key, path):
+    if dtype.kind not in "fiu":
+        raise InputError(f"cube: {key} in {path} must be real numbers, not {dtype}.")
 
 
 def _write_npz(cube, path):
-    np.savez(
-        path,
-        radiance=cube.radiance,
-        wavelength_um=cube.wavelength_um,
-        fwhm_um=cube.fwhm_um,
-        netd_k=np.nan if cube.netd_k is None else cube.netd_k,
-    )
+    arrays = {
+        "radiance": cube.radiance,
+        "wavelength_um": cube.wavelength_um,
+        "fwhm_um": cube.fwhm_um,
+        "netd_k": np.nan if cube.netd_k is None else cube.netd_k,
+    }
+    save_arrays(path, arrays, compress=False)
 
 
 # --- spectral OpenEXR --------------------------------------------------------------------
@@ -156,27 +207,55 @@ def _read_exr(path):
     import OpenEXR
 
     try:
-        with _quiet_library(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with _quiet_library(), OpenEXR.File(str(path), header_only=True) as file:
             header = dict(file.header())
-            pixels = {name: np.asarray(c.pixels) for name, c in file.channels().items()}
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:
         raise InputError(f"cube: {path} is not a whole OpenEXR file.") from e
 
-    bands = {name: w for name in pixels if (w := channel_wavelength_um(name)) is not None}
+    channels = {c.name: c for c in header["channels"]}
+    bands = {name: w for name in channels if (w := channel_wavelength_um(name)) is not None}
     if not bands:
         raise InputError(
             f"cube: {path} has no spectral channels such as S0.8000,0nm; "
-            f"it holds {', '.join(sorted(pixels)) or 'nothing'}."
+            f"it holds {', '.join(sorted(channels)) or 'nothing'}."
         )
     names = sorted(bands, key=bands.get)
-    if len({pixels[name].shape for name in names}) > 1:
+    if len({(channels[name].xSampling, channels[name].ySampling) for name in names}) > 1:
         raise InputError(f"cube: the bands of {path} differ in size (subsampled channels).")
+    to_per_um = np.float32(_to_per_um(header, path))
     return HeatCube(
-        np.stack([pixels[name] for name in names]) * np.float32(_to_per_um(header, path)),
+        _scanlines(path, names, header["dataWindow"], to_per_um),
         [bands[name] for name in names],
         _numbers(header.get("texnetFwhmUm"), "texnetFwhmUm", path),
         (_numbers(header.get("texnetNetdK"), "texnetNetdK", path) or [None])[0],
     )
+
+
+def _scanlines(path, names, window, scale):
+    """(bands, height, width) float32 of these channels, times scale, read a few lines at a time."""
+    import Imath  # comes with OpenEXR
+    import OpenEXR
+
+    (left, top), (right, bottom) = (corner.tolist() for corner in window)
+    width, height = right - left + 1, bottom - top + 1
+    step = max(16, READ_BYTES // (4 * width * len(names)) // 16 * 16)  # packed by 16 lines
+    cube = _allocate((len(names), height, width))
+    kind = Imath.PixelType(Imath.PixelType.FLOAT)
+    try:
+        with _quiet_library():
+            file = OpenEXR.InputFile(str(path))
+            for y in range(0, height, step):
+                end = min(y + step, height)
+                lines = file.channels(names, kind, top + y, top + end - 1)
+                for band, line in zip(cube, lines, strict=True):
+                    band[y:end] = np.frombuffer(line, np.float32).reshape(-1, width)
+                    band[y:end] *= scale
+                scratch.release(cube)
+            file.close()
+    except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:
+        raise InputError(f"cube: {path} is not a whole OpenEXR file.") from e
+    cube.setflags(write=False)
+    return cube
 
 
 def _write_exr(cube, path):

@@ -3,34 +3,48 @@
 import numpy as np
 
 from physics.distill import distill
-from physics.local import PIXELS_PER_BLOCK, solve_local
+from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
-from physics.semiglobal import Objective, refine
+from physics.semiglobal import Objective, refine, unsmoothed
+from physics.tiles import TILE_BYTES, run_tiled
 
 from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
+
+BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
 
 def solve(cube, library, environment, smooth, report, lap):
     """Maps of a Decomposition by name, and "objective".
 
-    smooth  sgd; else local
+    smooth  sgd, which needs the whole cube at once; else local, tile by tile
     report  report(what) gives a progress(done, total) or None
     lap     lap(stage) is called after each stage
     """
     model = reduce_model(cube, library, environment)
-    local = solve_local(model, cube.spectra, report("local"))
+    if smooth:
+        local = solve_local(model, cube.spectra, report("local"))
+        lap("local")
+        objective = Objective(model, cube.radiance, local)
+        answer = refine(objective, objective.local_state(), report("refine"))
+        lap("refine")
+        maps = _maps(cube.radiance, library, environment, model, local, answer)
+        lap("texture")
+        return maps | {"objective": answer.objective}
+
+    def tile(part, _):
+        spectra = part.reshape(cube.bands, -1).T
+        local = solve_local(model, spectra)
+        answer = unsmoothed(model, spectra, local)
+        return _maps(part, library, environment, model, local, answer)
+
+    pixels = TILE_BYTES / (BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands)
+    maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"))
     lap("local")
-    objective = Objective(model, cube.radiance, local)
-    start = objective.local_state()
-    answer = refine(objective, start, report("refine")) if smooth else objective.unsmoothed(start)
-    lap("refine")
-    maps = _maps(cube, library, environment, model, local, answer)
-    lap("texture")
     return maps
 
 
-def _temperature_at_sky(cube, library, model, local, state, sky):
+def _temperature_at_sky(spectra, library, model, local, state, sky):
     """T and its sigma, K, of sky pixels: of what stands before the sky, if any, or the air's."""
     energy = local.energy[sky].copy()
     of_sky = energy[:, library.sky_index].copy()
@@ -38,7 +52,7 @@ def _temperature_at_sky(cube, library, model, local, state, sky):
     best = energy.argmin(axis=1)
     p = np.arange(len(best))
     rim = (model.sky_share[state.row[sky]] < 1) | (energy[p, best] - of_sky < RIM_NATS)
-    air = brightness_temperature(cube.wavelength_um, cube.spectra[sky].astype(np.float64))
+    air = brightness_temperature(model.wavelength_um, spectra[sky].astype(np.float64))
     # the air is as warm as its opaque bands look
     return (
         np.where(rim, local.temperature_k[sky][p, best], air.max(axis=1)),
@@ -46,23 +60,17 @@ def _temperature_at_sky(cube, library, model, local, state, sky):
     )
 
 
-def _maps(cube, library, environment, model, local, answer):
-    state, probability = answer.state, answer.probability
-    texture = np.empty((cube.bands, len(state.material)), np.float32)
-    sky_texture = np.empty(len(state.material), np.float32)
-    residual = np.empty_like(sky_texture)
-    for start in range(0, len(state.material), PIXELS_PER_BLOCK):
-        b = slice(start, start + PIXELS_PER_BLOCK)
-        x, sky_texture[b], residual[b] = distill(
-            model, cube.spectra[b].astype(np.float64), state.row[b],
-            state.temperature_k[b], state.thermal_lighting[b],
-        )  # fmt: skip
-        texture[:, b] = x.T
+def _maps(radiance, library, environment, model, local, answer):
+    state, probability, bands = answer.state, answer.probability, len(radiance)
+    spectra = radiance.reshape(bands, -1).T
+    texture, sky_texture, residual = distill(
+        model, spectra, state.row, state.temperature_k, state.thermal_lighting
+    )
     sky = state.material == (library.sky_index if environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
     t, own_sigma = state.temperature_k.copy(), answer.sigma_k.copy()
     if sky.any():
-        t[sky], own_sigma[sky] = _temperature_at_sky(cube, library, model, local, state, sky)
+        t[sky], own_sigma[sky] = _temperature_at_sky(spectra, library, model, local, state, sky)
     # doubt about m widens sigma of T: variance of the mixture about the answer
     variance = (probability * (local.sigma_k**2 + (local.temperature_k - t[:, None]) ** 2)).sum(1)
     sigma = np.where(sky, own_sigma, np.sqrt(np.maximum(variance, own_sigma**2)))
@@ -71,20 +79,19 @@ def _maps(cube, library, environment, model, local, answer):
     p = np.arange(len(t))
     own = np.exp(local.energy.min(axis=1) - local.energy[p, state.material])
     own /= np.exp(local.energy.min(axis=1, keepdims=True) - local.energy).sum(axis=1)
-    unknown = residual**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / cube.bands)
+    unknown = residual**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / bands)
     unknown |= (probability[p, state.material] < 0.5) | (own < OWN_PROBABILITY)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
-        a.reshape(*a.shape[:-1], *cube.shape), dtype
+        a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )
     return {
         "temperature_k": maps(t),
         "material": maps(state.material, np.int16),
         "thermal_lighting": maps(lighting.T),
-        "texture": maps(texture),
+        "texture": maps(texture.T),
         "sky_texture": maps(sky_texture),
         "residual": maps(residual),
         "temperature_sigma_k": maps(sigma),
         "material_probability": maps(probability.T),
         "unknown": maps(unknown, bool),
-        "objective": answer.objective,
     }

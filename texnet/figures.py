@@ -8,6 +8,7 @@ from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from physics import scratch
 from physics.whole_file import whole_file
 
 from .baselines import clahe, panchromatic, principal_components
@@ -33,7 +34,7 @@ def maps_figure(decomposition, truth, path):
     fields = [  # title, colour map, picture
         ("temperature (K)", "magma", _on(ground, d.temperature_k)),
         _lighting(d, ground),
-        (f"texture X ({RADIANCE})", "cividis", _on(ground, d.texture.mean(axis=0))),
+        (f"texture X ({RADIANCE})", "cividis", _on(ground, _band_mean(d.texture))),
         (_texture_title(d), "gray", _on(ground, d.sky_texture)),
     ]
     own = [
@@ -48,7 +49,7 @@ def maps_figure(decomposition, truth, path):
             _show(ax, title, cmap, picture, _span(picture))
     else:
         seen = non_sky(truth)
-        true = [truth.temperature_k, truth.sky_view, truth.texture.mean(axis=0), truth.sky_texture]
+        true = [truth.temperature_k, truth.sky_view, _band_mean(truth.texture), truth.sky_texture]
         fig, axes = _panels(3, 6, d.residual.shape)
         _show_materials(axes[0, 0], "material", d, d)
         _show_materials(axes[1, 0], "truth", truth, d)
@@ -59,6 +60,10 @@ def maps_figure(decomposition, truth, path):
         for ax, (title, cmap, picture) in zip(axes[:, 5], own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
     _save(fig, path)
+
+
+def _band_mean(cube):
+    return sum(scratch.parts(cube)) / len(cube)
 
 
 def comparison_figure(decomposition, cube, truth, path):

@@ -1,39 +1,41 @@
 """The model in torch, tile by tile, as `pipeline` calls it: the twin of export's runtime."""
 
+from copy import deepcopy
 from functools import cache
 from importlib.resources import as_file, files
 
-import numpy as np
 import torch
 
+from physics.errors import InputError
 from physics.evidence import Known
 from physics.known import bytes_per_pixel
 from physics.refinement import STEPS
-from physics.tiles import run_tiled
+from physics.tiles import TILE_BYTES, run_tiled
 
 from .model import TeX, TeXModel
 from .weights import load_network
 
 WEIGHTS = "texnet.safetensors"  # in texnet/data
-TILE_BYTES = 1e9  # about
 
 
-def torch_model(refined=True, network=None):
+def torch_model(refined=True, network=None, device="cpu"):
     """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
 
     refined   net+sgd; else net.  network   a TeXNet; the shipped one if None
+    device    "cpu" or "cuda", where it is computed
     radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
     """
+    check_device(device)
     network = network or shipped_network()
-    model = TeXModel(network, STEPS if refined else 0)
+    model = TeXModel(deepcopy(network).to(device), STEPS if refined else 0)
 
     def run(radiance, known, progress=None):
-        tensors = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+        tensors = Known(**{name: torch.from_numpy(a).to(device) for name, a in known.items()})
 
         def tile(part, inner):
-            part = torch.from_numpy(np.array(part))  # the cube is read-only
+            part = torch.from_numpy(part).to(device)
             answer = model(tensors, part, torch.from_numpy(inner))
-            maps = {name: a.numpy() for name, a in zip(TeX._fields, answer, strict=True)}
+            maps = {name: a.cpu().numpy() for name, a in zip(TeX._fields, answer, strict=True)}
             return maps | {"material": maps["material"].astype("int16")}
 
         cell = network.config["stride"]
@@ -41,6 +43,12 @@ def torch_model(refined=True, network=None):
         return run_tiled(tile, radiance, network.halo, pixels, progress, cell)
 
     return run
+
+
+def check_device(device):
+    """Raise InputError if torch cannot compute on a device, "cpu" or "cuda"."""
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device: torch finds no CUDA GPU here; take --device cpu.")
 
 
 @cache

@@ -177,4 +177,5 @@ def _texture(known, h, spectra, hot, temperature, v, off):
 
 
 def _material(row, materials):
-    return torch.arange(materials).repeat(2)[row]  # row % materials, as ONNX can have it
+    # row % materials, as ONNX can have it
+    return torch.arange(materials, device=row.device).repeat(2)[row]

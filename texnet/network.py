@@ -211,7 +211,7 @@ class Kernel(nn.Module):
     def forward(self, wavelength_um):
         """(bands,) um -> (bands, n)."""
         x = ((wavelength_um - 11) / 3)[:, None]
-        turns = x * torch.arange(1, FREQUENCIES + 1) * (torch.pi / 2)
+        turns = x * torch.arange(1, FREQUENCIES + 1, device=x.device) * (torch.pi / 2)
         return self.mlp(torch.cat([x, torch.sin(turns), torch.cos(turns)], dim=1))
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 
+from physics.array_file import save_arrays
 from physics.errors import InputError
 from physics.whole_file import check_writable
 
@@ -53,7 +54,7 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
     check_directory(directory)
     with tempfile.TemporaryDirectory(dir=directory.resolve().parent, prefix=".texnet-") as made:
         made = Path(made)
-        _write_npz(decomposition, made / "decomposition.npz")
+        _save_arrays(decomposition, made / "decomposition.npz")
         matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
         maps_figure(decomposition, truth, made / "maps.png")
         if compare:
@@ -72,12 +73,13 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
     return paths | ({"comparison": directory / "comparison.png"} if compare else {})
 
 
-def _write_npz(d, path):
-    arrays = {key: np.asarray(getattr(d, key)) for key in NPZ_KEYS}
+def _save_arrays(d, path):
+    arrays = {key: getattr(d, key) for key in NPZ_KEYS}
     # Text as fixed-width unicode, an absent sky as no index: npz without pickle has no None.
     arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
     arrays["sky"] = np.asarray(d.sky, np.int64)
-    np.savez(path, **arrays)  # X is as random as its noise: packing it costs seconds, saves little
+    # X is as random as its noise: packing it costs seconds, saves little
+    save_arrays(path, arrays, compress=False)
 
 
 def _write_maps_exr(d, path):

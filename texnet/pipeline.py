@@ -118,7 +118,7 @@ def decompose(
 
         maps = solve(cube, library, environment, method == "sgd", report, lap)
     return Decomposition(
-        **{name: np.asarray(a) for name, a in maps.items() if name != "objective"},
+        **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=cube.wavelength_um, hue_deg=library.hue_deg, netd_k=cube.netd_k,
         objective=maps.get("objective", ()), seconds=seconds,

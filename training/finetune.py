@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from texnet.learned import check_device
+
 from .crops import Crops
 from .reshade import ReshadedSet, with_sky
 from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
@@ -30,8 +32,9 @@ HELD_OUT = 8  # validation scenes, or crops of the cubes, measured before and af
 
 
 def finetune(
-    network, library, cache, *, scenes=SCENES, epochs=EPOCHS, cubes=(), seed=0, progress=None
-):
+    network, library, cache, *, scenes=SCENES, epochs=EPOCHS, cubes=(), seed=0, device="cpu",
+    progress=None,
+):  # fmt: skip
     """Adapt a TeXNet to a library -> (another TeXNet, history).
 
     network   TeXNet to start from; it is left as it is
@@ -42,12 +45,14 @@ def finetune(
     epochs    of 160 draws each
     cubes     HeatCubes; if any, the physics loss on them is all that is trained on
     seed      same seed, same weights
+    device    "cpu" or "cuda", for the network
     progress  called as progress(done, total, what) after each scene and each draw
 
     history is a dict of plain values: settings, minutes, what the training set was, and under
     "before" and "after" the metrics on held-out scenes (or the Eq. 1 loss on the cubes).
     Raises InputError where library and cubes or 8-14 um do not fit together.
     """
+    check_device(device)
     network = copy.deepcopy(network).train()
     start = time.perf_counter()
     if cubes:
@@ -76,15 +81,15 @@ def finetune(
     before = _measure(module, held_out)
     fit(
         module, draws, None, Path(cache) / "runs" / run_name(settings), epochs=epochs,
-        per_epoch=PER_EPOCH, progress=progress,
+        per_epoch=PER_EPOCH, device=device, progress=progress,
     )  # fmt: skip
     history = json.loads(json.dumps(settings)) | {
         "version": version("texnet"), "torch": torch.__version__,
         "sky": "the library's" if library.sky_index is not None else "the starter library's",
-        "before": before, "after": _measure(module, held_out),
+        "before": before, "after": _measure(module.cpu(), held_out),
         "minutes": {"scenes": round(seconds / 60, 2), "training": round(module.seconds / 60, 2)},
     }  # fmt: skip
-    return network.eval(), history
+    return network.cpu().eval(), history
 
 
 def _measure(module, draws):

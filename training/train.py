@@ -27,6 +27,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 import physics
 import texnet.network
+from texnet.learned import check_device
 from texnet.network import TeXNet
 from texnet.weights import save_network
 
@@ -45,14 +46,16 @@ VALIDATION_SEED = 7
 WORKERS = os.cpu_count()  # processes that make draws
 
 
-def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, progress=None):
+def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", progress=None):
     """Make scenes, train a network on them and write it to `out` (safetensors) -> its history.
 
     cache     folder for scenes and checkpoints; what is there is used, so a stopped run goes on
     scenes    to train on; 40 others validate
     epochs    of 320 draws each
+    device    "cpu" or "cuda", for the network; scenes are made on the CPU
     progress  called as progress(done, total, what) after each scene and each draw
     """
+    check_device(device)
     sets = [SceneSet(cache, "train", scenes), SceneSet(cache, "validation", VALIDATION_SCENES)]
     start = time.perf_counter()
     for s in sets:
@@ -63,7 +66,8 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, progress=None):
     module = Training(TeXNet(), epochs * PER_EPOCH // TOGETHER)
     metrics = fit(
         module, Draws(sets[0], seed, SIDE), Draws(sets[1], VALIDATION_SEED),
-        Path(cache) / "runs" / run_name(settings), epochs=epochs, progress=progress,
+        Path(cache) / "runs" / run_name(settings), epochs=epochs, device=device,
+        progress=progress,
     )  # fmt: skip
     history = settings | {
         "version": version("texnet"), "torch": torch.__version__, "validation": metrics,
@@ -219,10 +223,13 @@ def _as_worker(_):
     atexit.register(os._exit, 0)
 
 
-def fit(module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, progress=None):
+def fit(
+    module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, device="cpu", progress=None
+):
     """Train a Training module on Draws, from folder/last.ckpt if it is there -> metrics.
 
     validation  Draws of which all are measured every VALIDATE_EVERY epochs, or None
+    device      "cpu" or "cuda": all the GPUs there are
     progress    called as progress(done, total, "training") after each draw
 
     The metrics are those of the last epoch, as floats. After Ctrl-C (KeyboardInterrupt) the
@@ -233,6 +240,7 @@ def fit(module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, progr
     if last.exists():  # Lightning begins to draw before it tells the first epoch
         order.set_epoch(torch.load(last, weights_only=True)["epoch"] + 1)
     trainer = lightning.Trainer(
+        accelerator="cpu" if device == "cpu" else "gpu",
         max_epochs=epochs, accumulate_grad_batches=TOGETHER, gradient_clip_val=1.0,
         default_root_dir=folder, logger=CSVLogger(folder, name="", version=""),
         # The one best by no measure is the last; save_last alone saves nothing (2.6).

@@ -22,6 +22,8 @@ class SceneObject:
     temperature_k  a number, or (vertices,) so that temperature varies within the object
     smooth         True: shading normals interpolated from the vertices; False: facets
     name           for messages
+    mirror         share of the reflected light that leaves as from a mirror, 0-1; the rest is
+                   Lambertian, as Eq. 4 takes all of it to be
     """
 
     mesh: trimesh.Trimesh
@@ -29,6 +31,7 @@ class SceneObject:
     temperature_k: float | np.ndarray
     smooth: bool = True
     name: str = ""
+    mirror: float = 0.0
 
     def __post_init__(self):
         label = self.name or self.material
@@ -37,6 +40,8 @@ class SceneObject:
             raise InputError(f"scene: object {label!r} has no triangles.")
         if not np.isfinite(self.mesh.vertices).all():
             raise InputError(f"scene: object {label!r} has vertices that are not finite.")
+        if not 0 <= self.mirror <= 1:
+            raise InputError(f"scene: object {label!r} needs mirror 0-1, got {self.mirror}.")
         t = np.asarray(self.temperature_k, dtype=np.float64)
         if t.shape not in ((), (n,)) or not ((t > 1) & (t < 2000)).all():
             raise InputError(

@@ -5,12 +5,12 @@
      "sun_direction": [x, y, z],
      "objects": [{"name": "rock", "mesh": "rock.obj", "material": "granite",
                   "translate": [x, y, z], "scale": 1, "rotate_z_deg": 0, "smooth": true,
-                  "temperature_k": 290}]}
+                  "mirror": 0, "temperature_k": 290}]}
 
 camera.position, camera.target, and mesh, material and temperature_k of objects are
 required; without "atmosphere" there is none. An object is scaled, then turned about z,
 then moved. "smooth" (see SceneObject) is true unless given for files and spheres, false
-for the other shapes.
+for the other shapes; "mirror" is the share of the reflected light that leaves as from a mirror.
 
 mesh           path of an OBJ, PLY or STL file, relative to the scene file; or one of
                {"shape": "box", "size": [x, y, z]}, {"shape": "sphere", "radius": r},
@@ -116,7 +116,7 @@ def _numbers(value, n, what):
 
 def _object(data, index, folder):
     label = f"object {index}"
-    optional = ("name", "translate", "scale", "rotate_z_deg", "smooth")
+    optional = ("name", "translate", "scale", "rotate_z_deg", "smooth", "mirror")
     _keys(data, label, ("mesh", "material", "temperature_k"), optional)
     label = f"object {str(data.get('name', index))!r}"
     m = _mesh(data["mesh"], label, folder)
@@ -134,7 +134,8 @@ def _object(data, index, folder):
     m.apply_transform(place)
     temperature_k = _temperature(data["temperature_k"], m, label)
     name = str(data.get("name", f"object {index}"))
-    return SceneObject(m, str(data["material"]), temperature_k, smooth, name)
+    mirror = _numbers(data.get("mirror", 0.0), None, f"{label} mirror")
+    return SceneObject(m, str(data["material"]), temperature_k, smooth, name, mirror)
 
 
 def _mesh(data, label, folder):

@@ -9,8 +9,9 @@ roulette ends it or it leaves for the sky. `shade` says how a path becomes radia
     surface i -> i + 1   with probability q_i, one fixed number per material, stored with
                          the paths so that another library may shade them without bias
 
-Directions are cosine weighted about the shading normal. A direction that would dip under
-the facet is mirrored back above it. Over the samples of one pixel the first direction is
+Directions are cosine weighted about the shading normal; where a surface has a share that is
+a mirror, so large a share of them are the mirror's. A direction that would dip under the
+facet is mirrored back above it. Over the samples of one pixel the first direction is
 stratified; its strata are shuffled against those of the camera jitter.
 """
 
@@ -65,7 +66,7 @@ class Tracer:
 
     def __init__(self, scene, library):
         self.scene = scene
-        corners, corner_normals, temperatures, materials = [], [], [], []
+        corners, corner_normals, temperatures, materials, mirror = [], [], [], [], []
         for o in scene.objects:
             faces = np.asarray(o.mesh.faces)
             v = np.asarray(o.mesh.vertices, dtype=np.float32)
@@ -75,10 +76,12 @@ class Tracer:
             corner_normals.append(n.astype(np.float32)[faces])
             temperatures.append(o.temperature_k.astype(np.float32)[faces])
             materials.append(np.full(len(faces), library.index(o.material), np.uint16))
+            mirror.append(np.full(len(faces), o.mirror, np.float32))
         self.corners = np.concatenate(corners)
         self.corner_normals = np.concatenate(corner_normals)
         self.temperature_k = np.concatenate(temperatures)
         self.material = np.concatenate(materials)
+        self.mirror = np.concatenate(mirror)
         # Embree's rounding grows with the coordinates of a facet; 16 float32 steps clear it.
         self.lift = 2.0**-19 * np.abs(self.corners).max(axis=(1, 2)) + 1e-7
         self._embree = EmbreeScene(robust=True)
@@ -114,8 +117,8 @@ class Tracer:
             material, value = np.empty(len(path), np.uint16), np.empty(len(path), np.float32)
             alive, origin, direction, normal = _bounce(
                 hit["primID"], hit["u"], hit["v"], direction, xi, q,
-                self.corners, self.corner_normals, self.temperature_k, self.material, self.lift,
-                material, value,
+                self.corners, self.corner_normals, self.temperature_k, self.material, self.mirror,
+                self.lift, material, value,
             )  # fmt: skip
             depths.append((path, material, value))
             path = path[alive]
@@ -191,8 +194,8 @@ def _mix(corner, b0, b1, b2, k):
 
 @njit(nogil=True, cache=True)
 def _bounce(
-    facet, u, v, incoming, xi, q, corners, corner_normals, temperature, material_of, lift,
-    material, value,
+    facet, u, v, incoming, xi, q, corners, corner_normals, temperature, material_of, mirror,
+    lift, material, value,
 ):  # fmt: skip
     """Say what the rays hit and send on those that go on.
 
@@ -244,16 +247,23 @@ def _bounce(
                 turn = -turn
             s0, s1, s2 = s0 * turn, s1 * turn, s2 * turn
 
-        # Cosine-weighted direction d about s (orthonormal frame: Duff et al. 2017).
-        sign = 1.0 if s2 >= 0 else -1.0
-        a = -1 / (sign + s2)
-        b = s0 * s1 * a
-        radius = np.sqrt(xi[r, 0])
-        phi = 2 * np.pi * xi[r, 1]
-        x, y, z = radius * np.cos(phi), radius * np.sin(phi), np.sqrt(1 - np.float64(xi[r, 0]))
-        d0 = x * (1 + sign * s0 * s0 * a) + y * b + z * s0
-        d1 = x * sign * b + y * (sign + s1 * s1 * a) + z * s1
-        d2 = -x * sign * s0 - y * s1 + z * s2
+        share = np.float64(mirror[f])
+        if xi[r, 0] < share:
+            d0, d1, d2 = incoming[r, 0], incoming[r, 1], incoming[r, 2]
+            into = -2 * (d0 * s0 + d1 * s1 + d2 * s2)
+            d0, d1, d2 = d0 + into * s0, d1 + into * s1, d2 + into * s2
+        else:
+            # Cosine-weighted direction d about s (orthonormal frame: Duff et al. 2017).
+            sign = 1.0 if s2 >= 0 else -1.0
+            a = -1 / (sign + s2)
+            b = s0 * s1 * a
+            xi0 = (xi[r, 0] - share) / (1 - share)
+            radius = np.sqrt(np.float32(xi0))
+            phi = 2 * np.pi * xi[r, 1]
+            x, y, z = radius * np.cos(phi), radius * np.sin(phi), np.sqrt(1 - xi0)
+            d0 = x * (1 + sign * s0 * s0 * a) + y * b + z * s0
+            d1 = x * sign * b + y * (sign + s1 * s1 * a) + z * s1
+            d2 = -x * sign * s0 - y * s1 + z * s2
         below = d0 * g0 + d1 * g1 + d2 * g2
         if below < 0:
             d0, d1, d2 = d0 - 2 * below * g0, d1 - 2 * below * g1, d2 - 2 * below * g2
