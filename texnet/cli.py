@@ -245,6 +245,19 @@ def bench_speed(args):
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
 
 
+def bench_stability(args):
+    from benchmarks.stability import measure
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    with progress_bar() as report:
+        rows, faults = measure(args.out, progress=report)
+    text = "\n".join([*faults, f"{args.out}: stability.csv, atlas.png."])
+    return text, {"command": "bench stability", "rows": rows, "faults": faults}
+
+
 # --- decompose and demo ------------------------------------------------------------------
 
 
@@ -487,6 +500,11 @@ def _parser():
     p = commands.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; half an hour")
+    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+
+    p = add(
+        actions, "stability", bench_stability, "where methods fail, and whether they say so; 15 min"
+    )
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
 
     p = commands.add_parser("library", help="the starter library of materials")

@@ -1,0 +1,486 @@
+"""Where methods fail: errors of every method from easy to hopeless, and what sigma says of them.
+
+    python -m benchmarks.stability --out DIR [--json]      (or: texnet bench stability)
+
+One difficulty at a time is turned up (AXES) on path-traced test scenes, 50 mK and 54 bands
+unless that is the difficulty, in pictures of 72 x 96 pixels; the environment is estimated from
+each cube (k = 5), the library is the whole starter library. Per axis, level, scene and method a
+row of stability.csv:
+
+    the errors of T (K), its median sigma and how many errors lie within one and two of them
+    material accuracy, abstention, accuracy among the answered, correlation of the texture
+    residual, median over pixels, noise units
+    worse_than_brightness  share of pixels whose error of T exceeds that of a brightness
+                           temperature at e = 0.95 by more than two of their own sigmas
+    amplification          how far T moves between two draws of the noise, in standard
+                           deviations that the Cramer-Rao bound allows it (median over pixels)
+    failure                what was raised, or what is not finite; empty if nothing
+
+atlas.png shows them all. A method is at fault (`faults`, printed) where it raises or returns what
+is not finite, or where from one level to the next its error grows while its sigma shrinks, both
+by more than a tenth.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.rows import read_csv, write_csv
+from physics.errors import InputError
+from physics.estimate import estimate_environment
+from physics.heat_cube import HeatCube
+from physics.identifiability import cramer_rao
+from physics.library import MaterialLibrary
+from physics.planck import brightness_temperature, noise_sigma, radiance_derivative
+from physics.simulator import Truth, trace_scene
+from physics.simulator.presets import preset
+from physics.simulator.sensor import add_noise, equidistant_bands
+from physics.whole_file import whole_file
+from texnet.metrics import evaluate, non_sky
+from texnet.pipeline import METHODS, decompose
+from texnet.progress import progress_bar
+from training.scenes import BASE_SEED
+
+SIZE, SPP, BANDS, NETD_K, K = (72, 96), 64, 54, 0.05, 5
+ONNX = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
+STYLE = {  # Okabe and Ito's colours
+    "local": ("#0072B2", "o-"), "sgd": ("#009E73", "^--"), "net": ("#E69F00", "s-."),
+    "net+sgd": ("#D55E00", "D-"),
+}  # fmt: skip
+COLUMNS = (
+    "temperature_rmse_k", "temperature_mae_k", "brightness_mae_k", "sigma_k", "within_1_sigma",
+    "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
+    "texture_correlation", "residual", "worse_than_brightness", "amplification",
+)  # fmt: skip
+GREY = 0.95  # emissivity that a brightness temperature is corrected for
+FAULT = 1.1
+
+
+@dataclass(frozen=True)
+class View:
+    """A test scene: a preset and its seed, how much of a mirror all its surfaces are, and which
+    draw of the sensor's noise is seen."""
+
+    name: str
+    seed: int
+    mirror: float = 0.0
+    draw: int = 0
+
+    @property
+    def traced(self):
+        return replace(_traced(self.name, self.seed, self.mirror), seed=self.draw)
+
+
+@lru_cache(maxsize=4)
+def _traced(name, seed, mirror):
+    scene = preset(name, seed)
+    scene = replace(scene, objects=[replace(o, mirror=mirror) for o in scene.objects])
+    return trace_scene(scene, SIZE, SPP, seed, MaterialLibrary.starter())
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a method is given, and the truth."""
+
+    cube: HeatCube
+    truth: Truth
+    library: MaterialLibrary
+    k: int = K
+    wrong_k: float = 0.0  # kelvin that the environment is off
+
+
+OUTDOORS = View("random", BASE_SEED["test"] + 1), View("forest", 7)
+INDOORS = (View("room", 7),)
+
+# --- the axes -----------------------------------------------------------------------------
+
+
+def shaded(view, library, bands=BANDS, netd_k=NETD_K):
+    return view.traced.shade(library, *equidistant_bands(bands), netd_k)
+
+
+def with_curves(library, change):
+    """The library with change(e (materials, n)) -> e for all but the sky."""
+    e = library.emissivity.copy()
+    ground = np.arange(len(library)) != library.sky_index
+    e[ground] = np.clip(change(e[ground]), 1e-3, 1)
+    return replace(library, emissivity=e)
+
+
+def smooth(shape, wavelength_um, seed):
+    """(n, bands) random functions of wavelength of unit variance, smooth over 1 um."""
+    rng = np.random.default_rng(seed)
+    turns = np.arange(1, 7)[:, None] * np.pi * (wavelength_um - 8) / 6
+    a, b = rng.normal(size=(2, shape, 6)) / np.sqrt(6)
+    return a @ np.cos(turns) + b @ np.sin(turns)
+
+
+def emissivity_to_one(view, library, share):
+    library = with_curves(library, lambda e: 1 - share * (1 - e))
+    return Case(*shaded(view, library), library)
+
+
+def grey_bodies(view, library, share):
+    mean = lambda e: e.mean(axis=1, keepdims=True)  # noqa: E731
+    library = with_curves(library, lambda e: mean(e) + share * (e - mean(e)))
+    return Case(*shaded(view, library), library)
+
+
+def thermal_crossover(view, library, share):
+    """Everything in a closed room as warm as everything else, in the end."""
+    traced = view.traced
+    mean = np.concatenate([b.value for b in traced.blocks]).mean()
+    blocks = [replace(b, value=mean + np.float32(share) * (b.value - mean)) for b in traced.blocks]
+    traced = replace(traced, blocks=tuple(blocks))
+    return Case(*traced.shade(library, *equidistant_bands(BANDS), NETD_K), library)
+
+
+def fewer_bands(view, library, bands):
+    return Case(*shaded(view, library, bands), library)
+
+
+def noise(view, library, netd_k):
+    return Case(*shaded(view, library, netd_k=netd_k), library)
+
+
+def sky_out_of_view(view, library, share):
+    """The picture's upper part is cut off, down to the last row with sky in it."""
+    cube, truth = shaded(view, library)
+    sky = np.flatnonzero((~non_sky(truth)).any(axis=1))
+    top = int(round(share * (sky.max() + 1))) if sky.size else 0
+    return Case(*cropped(cube, truth, min(top, cube.shape[0] - 12)), library)
+
+
+def objects_at_54_bands(view, library, k):
+    return Case(*shaded(view, library), library, k)
+
+
+def objects_at_6_bands(view, library, k):
+    return Case(*shaded(view, library, 6), library, k)
+
+
+def wrong_curves(view, library, percent):
+    off = 1 + percent / 100 * smooth(len(library) - 1, library.wavelength_um, 1)
+    return Case(*shaded(view, library), with_curves(library, lambda e: e * off))
+
+
+def missing_materials(view, library, n):
+    cube, truth = shaded(view, library)
+    left = [m for m in library.names if m not in common(truth)[:n]]
+    return Case(cube, truth, library.subset(left))
+
+
+def twin_materials(view, library, percent):
+    """The scene's commonest material has a neighbour in the library, this near to it."""
+    cube, truth = shaded(view, library)
+    i = library.index(common(truth)[0])
+    off = percent / 100 * smooth(1, library.wavelength_um, 2)
+    twin = np.clip(library.emissivity[i] + off, 1e-3, 1)
+    names = [*library.names, "twin"]
+    return Case(cube, truth, MaterialLibrary(
+        names, library.wavelength_um, np.concatenate([library.emissivity, twin])
+    ))  # fmt: skip
+
+
+def mixed_pixels(view, library, n):
+    """n x n pixels become one."""
+    cube, truth = shaded(view, library, netd_k=0)
+    h, w = (m // n for m in cube.shape)
+    cut = lambda a: a[..., : h * n, : w * n].reshape(*a.shape[:-2], h, n, w, n)  # noqa: E731
+    mean = lambda a: cut(a).mean(axis=(-3, -1))  # noqa: E731
+    rng = np.random.default_rng(view.draw)
+    s = add_noise(mean(cube.radiance), cube.wavelength_um, NETD_K, rng)
+    each = cut(truth.material).transpose(0, 2, 1, 3).reshape(h, w, -1)
+    most = [[np.bincount(p).argmax() for p in row] for row in each]
+    names = "temperature_k", "emissivity", "texture", "sky_view", "sky_texture"
+    truth = replace(
+        truth, **{name: mean(getattr(truth, name)) for name in names},
+        material=np.array(most, truth.material.dtype),
+        visible=mean(np.moveaxis(truth.visible, -1, 0)).transpose(1, 2, 0),
+    )  # fmt: skip
+    return Case(HeatCube(s, cube.wavelength_um, cube.fwhm_um, NETD_K), truth, library)
+
+
+def wrong_environment(view, library, kelvin):
+    return Case(*shaded(view, library), library, wrong_k=kelvin)
+
+
+def wrong_wavelengths(view, library, bands):
+    cube, truth = shaded(view, library)
+    step = np.diff(cube.wavelength_um).mean()
+    return Case(changed(cube, wavelength_um=cube.wavelength_um + bands * step), truth, library)
+
+
+def wrong_gain(view, library, percent):
+    cube, truth = shaded(view, library)
+    return Case(changed(cube, cube.radiance * (1 + percent / 100)), truth, library)
+
+
+def wrong_offset(view, library, kelvin):
+    cube, truth = shaded(view, library)
+    off = noise_sigma(cube.wavelength_um, kelvin)[:, None, None]
+    return Case(changed(cube, cube.radiance + off), truth, library)
+
+
+def dead_bands(view, library, n):
+    """n bands show their mean alone."""
+    cube, truth = shaded(view, library)
+    s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
+    s[which] = s[which].mean(axis=(1, 2), keepdims=True)
+    return Case(changed(cube, s), truth, library)
+
+
+def noisy_bands(view, library, n):
+    """n bands have ten times the noise that is stated."""
+    cube, truth = shaded(view, library)
+    s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
+    s[which] = add_noise(s[which], cube.wavelength_um[which], 0.5, np.random.default_rng(4))
+    return Case(changed(cube, s), truth, library)
+
+
+def stripes(view, library, netds):
+    """Every column of the detector has an offset of its own, in every band."""
+    cube, truth = shaded(view, library)
+    off = np.random.default_rng(5).normal(size=(cube.bands, 1, cube.shape[1]))
+    off = netds * off * cube.sigma[:, None, None]
+    return Case(changed(cube, cube.radiance + off), truth, library)
+
+
+def saturated_pixels(view, library, percent):
+    cube, truth = shaded(view, library)
+    most = np.percentile(cube.radiance, 100 - percent, axis=(1, 2), keepdims=True)
+    return Case(changed(cube, np.minimum(cube.radiance, most)), truth, library)
+
+
+def mirrors(view, library, share):
+    return Case(*shaded(replace(view, mirror=share), library), library)
+
+
+def changed(cube, radiance=None, wavelength_um=None):
+    return HeatCube(
+        cube.radiance if radiance is None else radiance,
+        cube.wavelength_um if wavelength_um is None else wavelength_um, cube.fwhm_um, cube.netd_k,
+    )  # fmt: skip
+
+
+def cropped(cube, truth, top):
+    """Cube and truth without their first rows."""
+    maps = ("temperature_k", "material", "sky_view", "sky_texture", "visible")
+    truth = replace(
+        truth, **{name: getattr(truth, name)[top:] for name in maps},
+        emissivity=truth.emissivity[:, top:], texture=truth.texture[:, top:],
+    )  # fmt: skip
+    return changed(cube, cube.radiance[:, top:]), truth
+
+
+def common(truth):
+    """Names of the materials that are seen, most pixels first, the sky left out."""
+    seen = np.bincount(truth.material[non_sky(truth)], minlength=len(truth.material_names))
+    return [truth.material_names[m] for m in np.argsort(-seen) if seen[m]]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """label says what the levels are; case(view, library, level) -> Case."""
+
+    label: str
+    levels: tuple
+    case: Callable
+    views: tuple = OUTDOORS
+
+
+AXES = {
+    "emissivity to 1": Axis(
+        "share of 1 - e left", (1, 0.5, 0.2, 0.1, 0.05, 0.02), emissivity_to_one
+    ),
+    "grey bodies": Axis("share of spectral contrast", (1, 0.5, 0.2, 0.1, 0.02, 0), grey_bodies),
+    "thermal crossover": Axis(
+        "share of T contrast, indoors", (1, 0.5, 0.2, 0.1, 0.03, 0), thermal_crossover, INDOORS
+    ),
+    "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
+    "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
+    "sky out of view": Axis("share of sky rows cut off", (0, 0.3, 0.6, 0.9, 1), sky_out_of_view),
+    "k at 54 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_54_bands),
+    "k at 6 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_6_bands),
+    "wrong curves": Axis("error of e (%)", (0, 0.5, 1, 2, 5, 10), wrong_curves),
+    "material missing": Axis("materials missing", (0, 1, 2, 3), missing_materials),
+    "twin materials": Axis("difference of e (%)", (5, 2, 1, 0.5, 0.2), twin_materials),
+    "mixed pixels": Axis("pixels in one, a side", (1, 2, 3, 4, 6), mixed_pixels),
+    "wrong environment": Axis("its error (K)", (0, 1, 3, 10, 30), wrong_environment),
+    "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
+    "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
+    "offset": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), wrong_offset),
+    "dead bands": Axis("bands", (0, 1, 2, 5, 10), dead_bands),
+    "noisy bands": Axis("bands", (0, 1, 2, 5, 10), noisy_bands),
+    "stripes": Axis("their sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
+    "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
+    "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
+}
+
+
+# --- what is measured ---------------------------------------------------------------------
+
+
+def answer(case, method, model):
+    """The Decomposition of a case; the environment is off by what the case says."""
+    environment = estimate_environment(case.cube.with_netd(), case.library, case.k)
+    if case.wrong_k:
+        w, s = environment.wavelength_um, environment.radiance
+        slope = radiance_derivative(w, brightness_temperature(w, s))
+        environment = replace(environment, radiance=s + case.wrong_k * slope)
+    model = model if method == "net+sgd" else None
+    return decompose(
+        case.cube, case.library, method=method, environment=environment, model=model
+    )
+
+
+def row_of(case, d):
+    """What stability.csv has of one answer."""
+    m = evaluate(d, case.truth)
+    ground = non_sky(case.truth)
+    t, sigma = case.truth.temperature_k[ground], d.temperature_sigma_k[ground]
+    w, s = case.cube.wavelength_um, case.cube.radiance[:, ground]
+    grey = brightness_temperature(w[:, None], s / GREY).mean(axis=0)
+    excess = np.abs(d.temperature_k[ground] - t) - np.abs(grey - t)
+    maps = {name: np.asarray(getattr(d, name)) for name in (
+        "temperature_k", "temperature_sigma_k", "thermal_lighting", "texture", "sky_texture",
+        "residual", "material_probability",
+    )}  # fmt: skip
+    bad = [name for name, a in maps.items() if not np.isfinite(a).all()]
+    return {
+        "temperature_rmse_k": m["temperature_rmse_k"], "temperature_mae_k": m["temperature_mae_k"],
+        "brightness_mae_k": float(np.abs(grey - t).mean()), "sigma_k": float(np.median(sigma)),
+        "within_1_sigma": m["within_1_sigma"], "within_2_sigma": m["within_2_sigma"],
+        "material_accuracy": m["material_accuracy"], "abstention": m["abstention"],
+        "accuracy_answered": m["accuracy_answered"],
+        "texture_correlation": m["texture_correlation"],
+        "residual": float(np.median(d.residual)),
+        "worse_than_brightness": float((excess > 2 * sigma).mean()),
+        "failure": f"not finite: {', '.join(bad)}" if bad else "",
+    }  # fmt: skip
+
+
+def amplification(case, d, other):
+    """Median over the ground of |T - T of another draw of noise|, over what the bound allows."""
+    ground = non_sky(case.truth)
+    e = case.truth.emissivity[:, ground].T.astype(np.float64)
+    t = case.truth.temperature_k[ground].astype(np.float64)
+    sigma = cramer_rao(case.cube.wavelength_um, case.cube.with_netd().sigma, e, d.environment, t)
+    moved = np.abs(d.temperature_k - other.temperature_k)[ground]
+    ratio = moved / (np.sqrt(2) * 0.6745 * sigma)
+    return float(np.median(ratio[np.isfinite(sigma)])) if np.isfinite(sigma).any() else np.nan
+
+
+def faults(rows):
+    """Sentences on what must not be: failures, and errors that grow while sigma shrinks."""
+    for r in rows:
+        if r["failure"]:
+            yield f"{r['axis']} {r['level']:g}, {r['scene']}, {r['method']}: {r['failure']}"
+    for key in dict.fromkeys((r["axis"], r["scene"], r["method"]) for r in rows):
+        of = [r for r in rows if (r["axis"], r["scene"], r["method"]) == key and not r["failure"]]
+        for a, b in zip(of, of[1:], strict=False):
+            grew = b["temperature_mae_k"] > FAULT * a["temperature_mae_k"]
+            if grew and b["sigma_k"] * FAULT < a["sigma_k"]:
+                yield (
+                    f"{', '.join(key)}, from {a['level']:g} to {b['level']:g}: T off by "
+                    f"{b['temperature_mae_k']:.2f} K instead of {a['temperature_mae_k']:.2f}, "
+                    f"sigma {b['sigma_k']:.2f} K instead of {a['sigma_k']:.2f}"
+                )
+
+
+def measured(axis, level, view, library, model):
+    """Rows of one axis and level in one scene, of all methods."""
+    of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
+    case = AXES[axis].case(view, library, level)
+    again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
+    for method in METHODS:
+        row = of | {"method": method}
+        try:
+            d = answer(case, method, model)
+            moved = amplification(case, d, answer(again, method, model))
+            yield row | row_of(case, d) | {"amplification": moved}
+        except InputError as e:  # one sentence instead of an answer
+            yield row | dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
+
+
+def draw(rows, path):
+    """The atlas: per axis a panel of T's error and sigma, above one of materials."""
+    columns = 6
+    lines = -(-len(AXES) // columns)
+    figure = Figure(figsize=(3.1 * columns, 4.2 * lines), layout="constrained")
+    cells = figure.subfigures(lines, columns)
+    for cell, (name, axis) in zip(cells.flat, AXES.items(), strict=False):
+        top, bottom = cell.subplots(2, 1, sharex=True)
+        at = range(len(axis.levels))
+        for method, (colour, mark) in STYLE.items():
+            of = [r for r in rows if (r["axis"], r["method"]) == (name, method)]
+            mean = partial(_means, of, axis.levels)
+            top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
+            bottom.plot(at, mean("material_accuracy"), mark, color=colour)
+            if method == "net+sgd":
+                top.plot(at, mean("sigma_k"), ":", color=colour, label="its sigma")
+                top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label="brightness T")
+                bottom.plot(at, mean("abstention"), ":", color=colour)
+        top.set(yscale="log", title=name, ylabel="T error (K)")
+        bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="right (dots: unknown)")
+        bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=8)
+    handles = top.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=6)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=75)
+
+
+def _means(rows, levels, what):
+    """Of a column, the mean over the scenes at each level."""
+    of = [[r[what] for r in rows if r["level"] == level] for level in levels]
+    return [np.nanmean(values) if np.isfinite(values).any() else np.nan for values in of]
+
+
+def measure(out, axes=tuple(AXES), progress=None):
+    """Write stability.csv and atlas.png into the folder out -> rows and sentences on faults.
+
+    progress  called as progress(done, total, what) after each level; what is in stability.csv
+              already is not measured again
+    """
+    from export.runtime import Runtime
+
+    out.mkdir(parents=True, exist_ok=True)
+    table, library = out / "stability.csv", MaterialLibrary.starter()
+    rows = read_csv(table) if table.exists() else []
+    known = {(r["axis"], r["level"], r["scene"]) for r in rows}
+    model = Runtime(ONNX).run
+    jobs = [
+        (axis, level, view) for axis in axes for view in AXES[axis].views
+        for level in AXES[axis].levels
+    ]  # fmt: skip
+    for done, (axis, level, view) in enumerate(jobs, 1):
+        if (axis, float(level), f"{view.name} {view.seed}") not in known:
+            rows += measured(axis, level, view, library, model)
+            write_csv(table, rows)
+        if progress:
+            progress(done, len(jobs), axis)
+    draw(rows, out / "atlas.png")
+    return rows, list(faults(rows))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--axes", nargs="+", choices=AXES, default=tuple(AXES))
+    parser.add_argument("--json", action="store_true", help="print the rows and faults last")
+    args = parser.parse_args()
+    with progress_bar() as report:
+        rows, wrong = measure(args.out, args.axes, report)
+    print("\n".join(wrong) or "no faults")
+    if args.json:
+        print(json.dumps({"rows": rows, "faults": wrong}, default=float))
+
+
+if __name__ == "__main__":
+    main()

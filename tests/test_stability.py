@@ -1,0 +1,112 @@
+"""The difficulties of the atlas are those that it names, and its faults are found."""
+
+import numpy as np
+import pytest
+
+from benchmarks import stability
+from benchmarks.rows import read_csv, write_csv
+from benchmarks.stability import AXES, Case, View, amplification, faults
+from physics import MaterialLibrary
+from physics.planck import brightness_temperature, radiance
+from texnet.metrics import non_sky
+from texnet.pipeline import decompose
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small():
+    patch = pytest.MonkeyPatch()
+    patch.setattr(stability, "SIZE", (24, 32))
+    patch.setattr(stability, "SPP", 16)
+    stability._traced.cache_clear()
+    yield
+    patch.undo()
+    stability._traced.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def library():
+    return MaterialLibrary.starter()
+
+
+FOREST = View("forest", 7)
+
+
+def case(axis, level, library, view=FOREST) -> Case:
+    return AXES[axis].case(view, library, level)
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_every_case_is_a_cube_with_its_truth(axis, library):
+    for level in (AXES[axis].levels[0], AXES[axis].levels[-1]):
+        c = case(axis, level, library, AXES[axis].views[-1])
+        assert c.truth.material.shape == c.cube.shape
+        assert c.truth.texture.shape == c.cube.radiance.shape
+
+
+def test_first_levels_are_harmless(library):
+    """What an axis starts from is the plain cube."""
+    plain = case("noise", 0.05, library).cube.radiance
+    for axis in ("dead bands", "noisy bands", "stripes", "saturation", "gain off", "offset",
+                 "sky out of view", "mirror-like surfaces", "emissivity to 1"):  # fmt: skip
+        np.testing.assert_allclose(case(axis, AXES[axis].levels[0], library).cube.radiance, plain)
+
+
+def test_the_last_level_of_the_crossover_is_a_black_enclosure(library):
+    """As warm as all that surrounds it, an object shows its T and nothing else."""
+    c = case("thermal crossover", 0, library, View("room", 7))
+    t = c.truth.temperature_k
+    assert np.ptp(t) < 1e-2
+    black = radiance(c.cube.wavelength_um, float(t.mean()))[:, None, None]
+    off = (c.cube.radiance - black) / c.cube.sigma[:, None, None]
+    assert off.std() == pytest.approx(1, abs=0.02) and abs(off.mean()) < 0.02
+
+
+def test_black_bodies_show_their_temperature(library):
+    c = case("emissivity to 1", 0.02, library, View("room", 7))
+    ground = non_sky(c.truth)
+    t = brightness_temperature(c.cube.wavelength_um[:, None], c.cube.radiance[:, ground])
+    assert np.median(np.abs(t.mean(axis=0) - c.truth.temperature_k[ground])) < 0.1
+
+
+def test_sky_goes_out_of_view(library):
+    view = View("patterned", 7)
+    assert not non_sky(case("sky out of view", 0, library, view).truth).all()
+    assert non_sky(case("sky out of view", 1, library, view).truth).all()
+
+
+def test_mixing_keeps_the_mean(library):
+    one, four = case("mixed pixels", 1, library), case("mixed pixels", 4, library)
+    assert four.cube.shape == (6, 8)
+    np.testing.assert_allclose(
+        four.cube.radiance.mean(axis=(1, 2)), one.cube.radiance.mean(axis=(1, 2)), rtol=2e-3
+    )
+
+
+def test_draws_differ_by_their_noise_alone(library):
+    a, b = (case("noise", 0.5, library, View("forest", 7, draw=i)).cube for i in (0, 1))
+    off = (a.radiance - b.radiance) / a.sigma[:, None, None]
+    assert off.std() == pytest.approx(np.sqrt(2), rel=0.02)
+
+
+def test_amplification_of_the_exact_solver_is_about_one(library):
+    """On the k-object model's own terms T moves with the noise as the bound says."""
+    cases = [case("noise", 0.05, library, View("patterned", 7, draw=i)) for i in (0, 1)]
+    a, b = (decompose(c.cube, library, method="local") for c in cases)
+    assert 0.5 < amplification(cases[0], a, b) < 2
+
+
+def test_faults_are_found():
+    def row(level, error, sigma, failure=""):
+        return {"axis": "x", "scene": "s", "method": "m", "level": level, "failure": failure,
+                "temperature_mae_k": error, "sigma_k": sigma}  # fmt: skip
+
+    assert not list(faults([row(0, 1, 1), row(1, 2, 2), row(2, 1, 1)]))
+    assert len(list(faults([row(0, 1, 1), row(1, 2, 0.5)]))) == 1
+    assert len(list(faults([row(0, 1, 1), row(1, np.nan, np.nan, "raised")]))) == 1
+
+
+def test_rows_come_back_from_csv(tmp_path):
+    rows = [{"axis": "a", "x": 1.5, "failure": ""}, {"axis": "c", "x": np.nan, "failure": "d"}]
+    write_csv(tmp_path / "t.csv", rows)
+    again = read_csv(tmp_path / "t.csv")
+    assert again[0] == rows[0] and np.isnan(again[1]["x"]) and again[1]["failure"] == "d"
