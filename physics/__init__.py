@@ -12,6 +12,7 @@ library      MaterialLibrary (starter: how the shipped one is built from optical
 sky          the spectrum of a clear sky
 environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
+support      how many of them a scene supports
 bands        bands of finite width
 reduced      the forward model in r dimensions, and the evidence
 unbounded    Eq. 6 without V's bounds: fast, and nearly a lower bound

@@ -457,8 +457,9 @@ def _parser():
     )  # fmt: skip
     add_device(p)
     p.add_argument(
-        "--k", metavar="N", type=_integer(1, 10), default=5,
-        help="objects that stand for the environment, 1-10, default: 5",
+        "--k", metavar="N", type=_count, default=5,
+        help="objects that stand for the environment, 1-10, or auto: as many as the scene "
+        "supports; default: 5",
     )  # fmt: skip
 
     def add_training(name, run, text, scenes, epochs):
@@ -539,6 +540,10 @@ def _integer(low, high):
         return int(text)
 
     return parse
+
+
+def _count(text):
+    return text if text == "auto" else _integer(1, 10)(text)
 
 
 def _size(text):

@@ -69,7 +69,7 @@ def decompose(
     library: MaterialLibrary | None = None,
     *,
     method: str = "net+sgd",
-    k: int = 5,
+    k: int | str = 5,
     environment: Environment | None = None,
     seed: int = 0,
     model=None,
@@ -80,7 +80,8 @@ def decompose(
     library      the materials that may occur; the starter library if None
     method       "net+sgd": the network's proposal, refined; "net": the network alone;
                  "local": each pixel by itself, exactly; "sgd": semi-global, from local
-    k            number of environment objects, 1..10, estimated from the cube by K-means
+    k            number of environment objects, 1..10, estimated from the cube by K-means; or
+                 "auto": as many as the scene supports (`physics.support`)
     environment  take this one instead
     seed         of the K-means
     model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
@@ -91,8 +92,8 @@ def decompose(
     """
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
-    if not 1 <= k <= MAX_K:
-        raise InputError(f"decompose: k must be 1..{MAX_K}, got {k}.")
+    if k != "auto" and not 1 <= k <= MAX_K:
+        raise InputError(f"decompose: k must be 1..{MAX_K} or auto, got {k}.")
     library = library or MaterialLibrary.starter()
     cube = cube.with_netd()
     seconds, clock = {}, time.perf_counter()
@@ -104,6 +105,11 @@ def decompose(
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
+    if k == "auto" and environment is None:
+        from physics.support import supported_count  # numba takes a second to load
+
+        k = supported_count(cube, library, seed)
+        lap("k")
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
     if method.startswith("net"):

@@ -1,0 +1,58 @@
+"""Does --k auto do as well as the best fixed k, and what does it save?
+
+    python -m benchmarks.automatic_k --out DIR
+
+Twelve random scenes of the test split, as in `accuracy` (54 bands, 50 mK, the whole starter
+library, net+sgd in ONNX Runtime): every fixed k and auto, the search for it in its time. Writes
+automatic_k.csv, one row per scene and k, and prints the means over the scenes.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy import NETD_K, test_scenes
+from benchmarks.rows import write_csv
+from benchmarks.stability import ONNX
+from export.runtime import Runtime
+from physics.library import MaterialLibrary
+from physics.simulator.sensor import equidistant_bands
+from texnet.metrics import evaluate
+from texnet.pipeline import decompose
+
+COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, "auto")
+SHOWN = (
+    "temperature_rmse_k", "temperature_mae_k", "material_accuracy", "cross_entropy",
+    "texture_correlation", "seconds",
+)  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--bands", type=int, default=54)
+    parser.add_argument("--scenes", type=int, default=12)
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    library, run, rows = MaterialLibrary.starter(), Runtime(ONNX, threads=2).run, []
+    for name, traced in test_scenes(args.scenes, presets=()):
+        cube, truth = traced.shade(library, *equidistant_bands(args.bands), NETD_K)
+        for k in COUNTS:
+            start = time.perf_counter()
+            answer = decompose(cube, library, k=k, model=run)
+            seconds = time.perf_counter() - start
+            metrics = evaluate(answer, truth) | {"seconds": seconds}
+            row = {"scene": name, "k": k, "objects": len(answer.environment)}
+            rows.append(row | {what: metrics[what] for what in SHOWN})
+        print(f"{name}: {rows[-1]['objects']} objects", flush=True)
+        write_csv(args.out / "automatic_k.csv", rows)
+    print(f"{'k':>5}" + "".join(f"{what[:18]:>20}" for what in SHOWN))
+    for k in COUNTS:
+        of = [r for r in rows if r["k"] == k]
+        print(f"{k:>5}" + "".join(f"{np.mean([r[what] for r in of]):20.3f}" for what in SHOWN))
+
+
+if __name__ == "__main__":
+    main()

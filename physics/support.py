@@ -1,0 +1,47 @@
+"""How many environment objects a scene supports: no more of them than its pixels' evidence asks.
+
+For k = 1, 2, ... the environment is estimated and held against pixels that it was not made of:
+their evidence, summed over all materials,
+
+    F_k = -mean over pixels of log sum_m exp(-E_m),    E as in `local`, nats per pixel
+
+has in it what the pixel had to tune of V (Occam, see `reduced`) and how far true surroundings
+scatter about k objects (`Environment.spread`), so it rises again where more objects only fit
+better. Where the sky is in view the search begins with two objects, since one leaves it out. Of
+all k the smallest is taken that is worse than the best by less than one standard
+error of their difference (Breiman et al. 1984). After PATIENCE values of k that are worse than
+the best the search ends.
+"""
+
+import numpy as np
+
+from .estimate import estimate_environment
+from .local import solve_local
+from .reduced import reduce_model
+
+SAMPLES, MOST, PATIENCE = 600, 10, 2
+
+
+def supported_count(cube, library, seed=0):
+    """k, 1..10, for a HeatCube with its NETD and a MaterialLibrary; seed as of the estimate."""
+    pixels = cube.shape[0] * cube.shape[1]
+    pick = np.random.default_rng([seed, 1]).permutation(pixels)[:SAMPLES]
+    spectra = cube.pixels(np.sort(pick)).astype(np.float32)
+    found = {}
+    for k in range(1, min(MOST, pixels) + 1):
+        environment = estimate_environment(cube, library, k, seed=seed)
+        if k == 1 and environment.sky_mean is not None:
+            continue
+        found[k] = free_energy(cube, library, environment, spectra)
+        best = min(found, key=lambda k: found[k].mean())
+        if k - best >= PATIENCE:
+            break
+    excess = {k: f - found[best] for k, f in found.items()}
+    return min(k for k, x in excess.items() if x.mean() <= x.std() / np.sqrt(len(x)))
+
+
+def free_energy(cube, library, environment, spectra):
+    """F of each of spectra (P, bands) in an Environment, nats (P,)."""
+    model = reduce_model(cube, library, environment)
+    energy = solve_local(model, np.ascontiguousarray(spectra)).energy.astype(np.float64)
+    return -np.logaddexp.reduce(-energy, axis=1)

@@ -1,0 +1,44 @@
+"""k: as many environment objects as the pixels tell apart, and no more."""
+
+import numpy as np
+import pytest
+
+from physics import HeatCube, MaterialLibrary
+from physics.planck import noise_sigma, radiance
+from physics.simulator import trace_scene
+from physics.simulator.presets import preset
+from physics.simulator.sensor import equidistant_bands
+from physics.support import supported_count
+from texnet.pipeline import decompose
+
+W, FWHM = equidistant_bands(24)
+
+
+def test_an_isothermal_enclosure_needs_one_object():
+    """Everything is B(T), whatever it is made of: nothing tells surroundings apart."""
+    black = radiance(W, 293.0)[:, None, None]
+    noise = np.random.default_rng(0).normal(size=(24, 30, 40)) * noise_sigma(W, 0.05)[:, None, None]
+    cube = HeatCube(black + noise, W, FWHM, 0.05)
+    assert supported_count(cube, MaterialLibrary.starter()) == 1
+
+
+@pytest.fixture(scope="module")
+def forest():
+    library = MaterialLibrary.starter()
+    traced = trace_scene(preset("forest", 7), (48, 64), 16, 7, library)
+    return traced.shade(library, W, FWHM)[0]
+
+
+def test_under_a_sky_one_object_is_not_enough(forest):
+    assert 2 <= supported_count(forest, MaterialLibrary.starter()) <= 8
+
+
+def test_the_order_of_the_library_does_not_matter(forest):
+    library = MaterialLibrary.starter()
+    turned = library.subset(library.names[::-1])
+    assert supported_count(forest, turned) == supported_count(forest, library)
+
+
+def test_decompose_takes_as_many(forest):
+    answer = decompose(forest, method="local", k="auto")
+    assert len(answer.environment) == supported_count(forest, MaterialLibrary.starter())
