@@ -18,6 +18,10 @@ import numpy as np
 
 from physics.errors import InputError
 
+FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
+    "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
+    "environment-method", "environment-count",
+)  # fmt: skip
 DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
 SHIPPED = "texnet.onnx"  # there too
 MODEL = "texnet.safetensors"  # in texnet/data
@@ -242,6 +246,18 @@ def bench_speed(args):
     check_directory(args.out)
     result = measure(args.out)
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
+
+
+def reproduce(args):
+    from benchmarks.reproduce import reproduce as make
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    with progress_bar() as report:
+        text, result = make(args.figure, args.out, args.full, report)
+    return text, {"command": "reproduce", "figure": args.figure} | result
 
 
 # --- decompose and demo ------------------------------------------------------------------
@@ -471,6 +487,13 @@ def _parser():
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; half an hour")
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+
+    p = add(commands, "reproduce", reproduce, "one of the paper's results, on scenes of our own")
+    p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
+    p.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("reproduce"), help="default: reproduce"
+    )
+    p.add_argument("--full", action="store_true", help="the published size; hours")
 
     p = commands.add_parser("library", help="the starter library of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")

@@ -1,0 +1,51 @@
+"""The Cramer-Rao bound against closed forms and against estimates from noisy spectra."""
+
+import numpy as np
+import pytest
+
+from physics.identifiability import cramer_rao, leverage
+from physics.planck import noise_sigma, radiance, radiance_derivative
+
+W = np.linspace(8, 14, 12)
+NOISE = noise_sigma(W, 0.05)
+ENVIRONMENT = np.stack([radiance(W, 230.0) * np.linspace(0.4, 1, 12), radiance(W, 288.0)])
+E = 0.9 + 0.08 * np.sin(W)
+
+
+def test_a_black_body_is_known_as_well_as_its_slope_says():
+    slope = radiance_derivative(W, 300.0) / NOISE
+    bound = cramer_rao(W, NOISE, np.ones((1, 12)), ENVIRONMENT, np.array([300.0]))
+    assert bound == pytest.approx(1 / np.linalg.norm(slope), rel=1e-12)
+
+
+def test_the_inverse_of_the_information_says_the_same():
+    j = leverage(W, NOISE, E[None], ENVIRONMENT, np.array([290.0]))[0]
+    assert cramer_rao(W, NOISE, E[None], ENVIRONMENT, np.array([290.0]))[0] == pytest.approx(
+        np.sqrt(np.linalg.inv(j.T @ j)[0, 0]), rel=1e-9
+    )
+
+
+def test_as_many_unknowns_as_bands_and_one_more_tell_nothing():
+    w = W[:2]
+    three = np.stack([radiance(w, t) for t in (220.0, 260.0, 300.0)])
+    grey = np.full((1, 2), 0.8)
+    assert cramer_rao(w, NOISE[:2], grey, three, np.array([290.0]))[0] == np.inf
+
+
+def test_the_likeliest_t_of_noisy_spectra_scatters_as_the_bound_says():
+    """Newton's iteration on Eq. 4 itself, V free of bounds, 20,000 draws of noise."""
+    rng = np.random.default_rng(0)
+    n, t, v = 20_000, 295.0, np.array([0.4, 0.6])
+    s = E * radiance(W, t) + (1 - E) * (v @ ENVIRONMENT) + NOISE * rng.normal(size=(n, 12))
+    reflected = (1 - E) * ENVIRONMENT
+    found = np.full(n, 290.0)
+    for _ in range(5):
+        rest = s - E * radiance(W, found[:, None]) - reflected[1]
+        slope = E * radiance_derivative(W, found[:, None])
+        a = np.stack([slope, np.broadcast_to(reflected[0] - reflected[1], (n, 12))], axis=2)
+        normal = np.einsum("pbi,b,pbj->pij", a, NOISE**-2, a)
+        right = np.einsum("pbi,b,pb->pi", a, NOISE**-2, rest)
+        found += np.linalg.solve(normal, right[..., None])[:, 0, 0]
+    bound = cramer_rao(W, NOISE, E[None], ENVIRONMENT, np.array([t]))[0]
+    assert found.std() == pytest.approx(bound, rel=4 / np.sqrt(2 * n))
+    assert found.mean() == pytest.approx(t, abs=4 * bound / np.sqrt(n))
