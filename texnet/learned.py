@@ -18,14 +18,14 @@ WEIGHTS = "texnet.safetensors"  # in texnet/data
 TILE_BYTES = 1e9  # about
 
 
-def torch_model(refined=True, network=None):
+def torch_model(refined=True, network=None, steps=STEPS):
     """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
 
-    refined   net+sgd; else net.  network   a TeXNet; the shipped one if None
+    refined   net+sgd, of so many steps; else net.  network   a TeXNet; the shipped one if None
     radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
     """
     network = network or shipped_network()
-    model = TeXModel(network, STEPS if refined else 0)
+    model = TeXModel(network, steps if refined else 0)
 
     def run(radiance, known, progress=None):
         tensors = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
