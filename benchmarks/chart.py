@@ -23,7 +23,7 @@ a room the mean of the true X), and, as scipy is, which pixels are sky. Where th
 of the sky-lit texture they take -X: the sky is the coldest that lights.
 
 Writes chart.csv, a row per scene, bands and method; chart.png, medians over the scenes with their
-quartiles and the Pareto front; methods.csv, the medians that `texnet decompose --budget` goes by.
+quartiles and the Pareto front; methods.csv, the errors that `texnet decompose --budget` goes by.
 A stopped run goes on after the last whole scene that was measured with the same settings.
 """
 
@@ -43,6 +43,7 @@ import numba
 import numpy as np
 import torch
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from threadpoolctl import threadpool_limits
 
 from benchmarks.accuracy import NETD_K, SIZE, SPP, K, test_scenes
@@ -284,11 +285,11 @@ def pareto_methods(summary, bands, metric):
 
 def _write_methods(summary, path):
     """What texnet.budget reads: the methods of `decompose` alone."""
-    columns = ("bands", "method", *SHOWN)
+    columns = ("bands", "method", *ERRORS)
     lines = ["# medians over the test scenes, by: texnet bench chart --out DIR", ",".join(columns)]
     for r in summary:
         if r["method"] in METHODS:
-            values = [f"{r[name]:.4g}" for name in SHOWN]
+            values = [f"{r[name]:.4g}" for name in ERRORS]
             lines.append(",".join([str(r["bands"]), r["method"], *values]))
     with whole_file(path) as part:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -299,58 +300,84 @@ def _write_methods(summary, path):
 # Okabe and Ito's colours; markers are the second cue
 STYLE = {
     "brightness temperature": ("#999999", "v"), "NEM": ("#999999", "^"), "ISSTES": ("#999999", "s"),
-    "scipy": ("#000000", "X"), "local": ("#0072B2", "o"), "sgd": ("#0072B2", "D"),
+    "scipy": ("#000000", "X"), "local": ("#0072B2", "o"), "sgd": ("#56B4E9", "D"),
     "net": ("#E69F00", "o"), "net+sgd": ("#D55E00", "*"),
 }  # fmt: skip
-OF_STEPS, OTHERS = ("#D55E00", ("1", "2", "3")), ("#CC79A7", ("P", "p", "h", "<", ">"))
+OF_STEPS, OTHERS = "#D55E00", ("#009E73", "Pph<>")
+TICKS = {
+    "temperature_rmse_k": (0.2, 0.5, 1, 2, 5, 10),
+    "material_accuracy": (0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99),
+    "texture_correlation": (0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99),
+}
 
 
 def _draw(summary, front, path):
-    figure = Figure(figsize=(9, 9), layout="constrained", dpi=110)
+    """A row of panels per number of bands; up is better, and steps are of what is lost."""
+    figure = Figure(figsize=(9, 9.4), layout="constrained", dpi=110)
     grid = figure.subplots(len(BANDS), len(ERRORS), sharex=True, sharey="col", squeeze=False)
     style = _styles(list(dict.fromkeys(r["method"] for r in summary)))
+    within = [r["seconds_per_megapixel_high"] for r in summary if r["method"] != "scipy"]
+    edge = 3 * max(within)
     for axes, bands in zip(grid, BANDS, strict=True):
         of = {r["method"]: r for r in summary if r["bands"] == bands}
         for axis, metric in zip(axes, ERRORS, strict=True):
             for method, r in of.items():
                 if np.isfinite(r[metric]):
-                    _point(axis, r, metric, *style[method], method)
+                    _point(axis, r, metric, method, *style[method], edge)
             best = [of[m] for m in front[bands][metric]]
-            x, y = ([r[n] for r in best] for n in ("seconds_per_megapixel", metric))
-            axis.plot(x, y, ":", color="0.4", lw=1.2, zorder=1, label="Pareto front")
-            axis.set(xscale="log")
-            axis.grid(color="0.92")
-        axes[0].set(yscale="log")
-        axes[0].set_ylabel(f"{bands} bands", fontsize=12)
-    for axis, (label, _) in zip(grid[0], ERRORS.values(), strict=True):
-        axis.set_title(label, fontsize=11)
-    figure.supxlabel("seconds per megapixel, two threads", fontsize=11)
+            x, errors = ([r[n] for r in best] for n in ("seconds_per_megapixel", metric))
+            axis.plot(x, _lost(metric, errors), ":", color="0.4", label="Pareto front", zorder=1)
+        axes[0].set_ylabel(f"{bands} bands", fontsize=13)
+    for axis, (metric, (label, _)) in zip(grid[0], ERRORS.items(), strict=True):
+        axis.set_title(label, fontsize=12)
+        axis.set(xscale="log", yscale="log")
+        axis.yaxis.set_inverted(True)
+        text = [f"{t:.0%}" if metric == "material_accuracy" else f"{t:g}" for t in TICKS[metric]]
+        axis.set_yticks(_lost(metric, TICKS[metric]), text)
+        axis.yaxis.set_minor_locator(NullLocator())
+    for axis in grid.flat:
+        axis.grid(color="0.92")
+    grid[-1, 1].set_xlabel("seconds per megapixel, two threads", fontsize=12)
     figure.legend(
-        *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=10
+        *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=11
     )
     with whole_file(path) as part:
         figure.savefig(part)
 
 
+def _lost(metric, values):
+    """Errors as they are, of 1 what is missing."""
+    return 1 - np.asarray(values) if ERRORS[metric][1] else np.asarray(values)
+
+
 def _styles(methods):
-    """{method: (colour, marker)}"""
-    steps = [m for m in methods if m.endswith(" steps")]
-    others = [m for m in methods if m not in STYLE and m not in steps]
-    pick = lambda colour, markers, of: {  # noqa: E731
-        m: (colour, markers[i % len(markers)]) for i, m in enumerate(of)
-    }
-    return STYLE | pick(*OF_STEPS, steps) | pick(*OTHERS, others)
+    """{method: (colour, marker)}; more steps are their number."""
+    others = [m for m in methods if m not in STYLE and not m.endswith(" steps")]
+    steps = {f"net+sgd, {n} steps": (OF_STEPS, f"${n}$") for n in STEPS}
+    colour, markers = OTHERS
+    return STYLE | steps | {m: (colour, markers[i % 5]) for i, m in enumerate(others)}
 
 
-def _point(axis, r, metric, colour, marker, label):
-    bars = [
-        [[r[n] - r[f"{n}_low"]], [r[f"{n}_high"] - r[n]]]
-        for n in ("seconds_per_megapixel", metric)
-    ]  # fmt: skip
+def _point(axis, r, metric, method, colour, marker, edge):
+    """A median with its quartiles; what lies beyond the right edge stands there with its time."""
+    time_s, of_time = r["seconds_per_megapixel"], _quartiles(r, "seconds_per_megapixel")
+    at, bar = _lost(metric, r[metric]), _quartiles(r, metric)
+    if time_s > edge:
+        text = f"{float(f'{time_s:.1g}'):,.0f} s \u2192"
+        axis.annotate(text, (edge, at), xytext=(5, -13), textcoords="offset points", ha="right",
+                      fontsize=8)  # fmt: skip
+        time_s, of_time = edge, None
     axis.errorbar(
-        r["seconds_per_megapixel"], r[metric], bars[1], bars[0], fmt=marker, color=colour, ms=8,
-        elinewidth=0.8, label=label, zorder=2,
+        time_s, at, bar, of_time, ls="none", marker=marker, color=colour, ms=8, elinewidth=0.8,
+        label=method, zorder=2,
     )  # fmt: skip
+
+
+def _quartiles(r, name):
+    """(2, 1) how far they are from the median, the one with the smaller coordinate first."""
+    below, above = r[name] - r[f"{name}_low"], r[f"{name}_high"] - r[name]
+    turned = name in ERRORS and ERRORS[name][1]
+    return np.array([[above], [below]] if turned else [[below], [above]])
 
 
 def table(summary):

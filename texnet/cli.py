@@ -58,9 +58,12 @@ def demo(args):
 
 
 def decompose(args):
+    if args.budget is not None and (args.method or args.model):
+        raise InputError("--budget chooses the method; leave out --method and --model.")
     return _decompose(
-        args.cube, args.out, args.library, args.method, args.k, args.model, args.compare
-    )
+        args.cube, args.out, args.library, args.method, args.k, args.model, args.compare,
+        args.budget,
+    )  # fmt: skip
 
 
 def simulate(args):
@@ -248,6 +251,23 @@ def bench_speed(args):
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
 
 
+def bench_chart(args):
+    from benchmarks.chart import measure, table
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    try:
+        with progress_bar() as report:
+            result = measure(args.out, args.network, report)
+    except KeyboardInterrupt:
+        print("texnet: stopped; the same command goes on after the last scene.", file=sys.stderr)
+        raise
+    text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png, methods.csv."])
+    return text, {"command": "bench chart"} | result
+
+
 def reproduce(args):
     from benchmarks.reproduce import reproduce as make
 
@@ -264,7 +284,7 @@ def reproduce(args):
 
 
 def _decompose(
-    cube_path, directory, library=None, method="net+sgd", k=5, model=None, compare=False
+    cube_path, directory, library=None, method=None, k=5, model=None, compare=False, budget=None
 ):
     from physics.library import MaterialLibrary
 
@@ -279,6 +299,12 @@ def _decompose(
     from .progress import progress_bar
 
     check_directory(directory)
+    foreseen = None
+    if budget is not None:
+        from .budget import choose
+
+        method, foreseen = choose(cube, library, k, budget, lambda m: _runner(m, None))
+    method = method or "net+sgd"
     run = _runner(method, model)
     with progress_bar() as report:
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
@@ -297,6 +323,10 @@ def _decompose(
         "unknown": d.unknown.mean(), "residual": np.median(d.residual),
         "seconds": d.seconds, "metrics": metrics, "files": paths,
     }  # fmt: skip
+    if budget is not None:
+        result["budget"] = {
+            "seconds_per_megapixel": budget, "foreseen_seconds_per_megapixel": foreseen,
+        }  # fmt: skip
     return _summary(result), result
 
 
@@ -350,6 +380,14 @@ def _summary(r):
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]
+    if "budget" in r:
+        foreseen, allowed = (
+            r["budget"][f"{which}seconds_per_megapixel"] for which in ("foreseen_", "")
+        )
+        lines.append(
+            f"Method       {r['method']}: {foreseen:.1f} s per megapixel foreseen, {allowed:g} "
+            "allowed"
+        )
     if not r["sky_in_view"]:
         lines.append("Sky          none in view: texture is the residual; wrong if outdoors")
     if r["metrics"] is not None:
@@ -431,9 +469,13 @@ def _parser():
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
-        "--method", choices=("local", "sgd", "net", "net+sgd"), default="net+sgd",
+        "--method", choices=("local", "sgd", "net", "net+sgd"),
         help="the network's proposal refined (default), or alone; or without a network: each "
         "pixel by itself, or semi-global",
+    )  # fmt: skip
+    p.add_argument(
+        "--budget", metavar="S", type=_seconds,
+        help="take the most accurate method that needs at most S seconds per megapixel here",
     )  # fmt: skip
     p.add_argument(
         "--compare", action="store_true",
@@ -487,6 +529,13 @@ def _parser():
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; half an hour")
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+
+    p = add(actions, "chart", bench_chart, "accuracy against time beside the peers; minutes")
+    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument(
+        "--network", metavar="FILE", type=Path, action="append", default=[],
+        help=".safetensors of one more network to chart; may be given several times",
+    )  # fmt: skip
 
     p = add(commands, "reproduce", reproduce, "one of the paper's results, on scenes of our own")
     p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
@@ -550,6 +599,16 @@ def _netd(text):
         value = math.nan
     if not 0 <= value < 100:
         raise argparse.ArgumentTypeError(f"need a temperature from 0 to below 100 K, got {text!r}")
+    return value
+
+
+def _seconds(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"need a number of seconds above 0, got {text!r}")
     return value
 
 

@@ -41,11 +41,10 @@ class BandPlanck:
 
 
 def emissivity(spectra, temperature_k, planck, sky):
-    """e = (S - X) / (B(T) - X) of Eq. 1 with X the sky: (pixels, bands), clipped to 0..1.
+    """e = (S - X) / (B(T) - X) of Eq. 1 with X the sky: (pixels, bands), of a wrong T beyond 0..1.
 
     Where B(T) = X a pixel shows nothing of its emissivity; then e = 1.
     """
     contrast = planck.radiance(temperature_k) - sky
     known = np.abs(contrast) > 1e-9
-    e = np.divide(spectra - sky, contrast, out=np.ones_like(contrast), where=known)
-    return np.clip(e, 0.0, 1.0)
+    return np.divide(spectra - sky, contrast, out=np.ones_like(contrast), where=known)

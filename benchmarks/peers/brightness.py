@@ -6,6 +6,8 @@ what a thermal camera does that is told an emissivity and what is reflected. Wit
 e(wavelength) follows from Eq. 1.
 """
 
+import numpy as np
+
 from .band_planck import emissivity
 
 EMISSIVITY = 0.95
@@ -15,4 +17,4 @@ def separate(spectra, planck, sky):
     """T (pixels,) K and e (pixels, bands), see the package."""
     emitted = (spectra - (1 - EMISSIVITY) * sky) / EMISSIVITY
     t = planck.brightness_temperature(emitted).mean(axis=-1)
-    return t, emissivity(spectra, t, planck, sky)
+    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)

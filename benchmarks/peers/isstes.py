@@ -3,13 +3,12 @@
 A wrong T leaves the sky's lines in e(T) = (S - X) / (B(T) - X); the right T leaves a smooth
 spectrum. So T is the one that minimises
 
-    sum over bands of (e_i - (e_(i-1) + e_i + e_(i+1)) / 3)^2  /  sum of e_i^2
+    sum over bands of (e_i - (e_(i-1) + e_i + e_(i+1)) / 3)^2
 
-(Borel 1998, Proc. IGARSS, 546; Borel 2008, Int. J. Remote Sensing 29, 5029; the division is ours:
-a high T makes e small, and what is small looks smooth). T is searched in a small range around the
-largest brightness temperature of a pixel, in ever finer steps. A wider range, which would let in
-lower emissivities, names about as many materials but doubles the error of T (on scenes that are
-not charted). Exact, without noise, where the sky is all of X and e is a straight line.
+(Borel 1998, Proc. IGARSS, 546; Borel 2008, Int. J. Remote Sensing 29, 5029). T is searched in a
+small range around the largest brightness temperature of a pixel, in ever finer steps; a wider one
+errs more (on scenes that are not charted). Exact, without noise, where the sky is all of X and e
+is a straight line.
 """
 
 import numpy as np
@@ -25,7 +24,7 @@ def separate(spectra, planck, sky):
     """T (pixels,) K and e (pixels, bands), see the package."""
     blocks = range(0, len(spectra), PIXELS_PER_BLOCK)
     t = np.concatenate([_smoothest(spectra[i : i + PIXELS_PER_BLOCK], planck, sky) for i in blocks])
-    return t, emissivity(spectra, t, planck, sky)
+    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)
 
 
 def _smoothest(spectra, planck, sky):
@@ -41,4 +40,4 @@ def _smoothest(spectra, planck, sky):
 
 def _roughness(e):
     smooth = (e[:, :-2] + e[:, 1:-1] + e[:, 2:]) / 3
-    return ((e[:, 1:-1] - smooth) ** 2).sum(axis=-1) / np.maximum((e**2).sum(axis=-1), 1e-9)
+    return ((e[:, 1:-1] - smooth) ** 2).sum(axis=-1)
