@@ -11,6 +11,7 @@ import os
 import re
 import sys
 from contextlib import contextmanager
+from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -299,13 +300,14 @@ def _decompose(
     from .progress import progress_bar
 
     check_directory(directory)
-    foreseen = None
-    if budget is not None:
+    runner = cache(lambda method: _runner(method, model))
+    if budget is None:
+        method = method or "net+sgd"
+    else:
         from .budget import choose
 
-        method, foreseen = choose(cube, library, k, budget, lambda m: _runner(m, None))
-    method = method or "net+sgd"
-    run = _runner(method, model)
+        method, foreseen = choose(cube, library, k, budget, runner)
+    run = runner(method)
     with progress_bar() as report:
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     metrics = None if truth is None else _metrics(d, cube, truth)
