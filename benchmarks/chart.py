@@ -19,8 +19,8 @@ two threads, each method once before it is timed:
                                   the Pareto front, and what it minimises is `local`'s objective
 
 The separations are favoured: they are told the true downwelling radiance of the scene's sky (in
-a room the mean of the true X), and, as scipy is, which pixels are sky. Where they need a picture
-of the sky-lit texture they take -X: the sky is the coldest that lights.
+a room the mean of the true X), and, as scipy is, which pixels are sky. Their picture of the
+sky-lit texture is their X or its negative, whichever matches better.
 
 Writes chart.csv, a row per scene, bands and method; chart.png, medians over the scenes with their
 quartiles and the Pareto front; methods.csv, the errors that `texnet decompose --budget` goes by.
@@ -60,8 +60,9 @@ from physics.reduced import reduce_model
 from physics.simulator.sensor import Bands, equidistant_bands
 from physics.sky import sky_radiance
 from physics.whole_file import whole_file
+from texnet.budget import ERRORS
 from texnet.learned import torch_model
-from texnet.metrics import evaluate, non_sky
+from texnet.metrics import correlation, evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
 from texnet.weights import load_network
 
@@ -70,10 +71,10 @@ RANDOM_SCENES, PRESETS = 5, ("forest",)
 STEPS = (2, 5, 10)  # of refinement, beside the one that ships
 SCIPY_PIXELS = 50
 SEPARATIONS = {"brightness temperature": brightness, "NEM": nem, "ISSTES": isstes}
-ERRORS = {  # metric: what its panel says, whether more is better
-    "temperature_rmse_k": ("T off by (RMS, K)", False),
-    "material_accuracy": ("right material", True),
-    "texture_correlation": ("sky-lit texture, correlation", True),
+TITLES = {
+    "temperature_rmse_k": "T off by (RMS, K)",
+    "material_accuracy": "right material",
+    "texture_correlation": "sky-lit texture, correlation",
 }
 SHOWN = ("seconds_per_megapixel", *ERRORS)
 SHIPPED = files("texnet") / "data"
@@ -120,10 +121,13 @@ def separation(method):
     def run(scene):
         spectra, truth = scene.cube.spectra.astype(float), scene.truth
         t, e = method.separate(spectra, scene.planck, scene.sky)
-        ground = [i for i, name in enumerate(scene.library.names) if name != "sky"]
-        named = np.array(ground)[nearest(e, scene.curves[ground])]
+        solid = np.flatnonzero(np.arange(len(scene.library)) != scene.library.sky_index)
+        named = solid[nearest(e, scene.curves[solid])]
         x, mean = light(spectra, t, scene.curves[named], scene.planck)
-        return _answer(scene, truth, t, named, x.T, -mean), truth
+        ground = non_sky(truth)
+        if correlation(mean.reshape(ground.shape), truth.sky_texture, ground) < 0:
+            mean = -mean
+        return _answer(scene, truth, t, named, x.T, mean), truth
 
     return run
 
@@ -278,7 +282,7 @@ def pareto(cost, score):
 def pareto_methods(summary, bands, metric):
     """Names of the methods on the front of time and a metric, fastest first."""
     of = [r for r in summary if r["bands"] == bands and r["method"] != "scipy"]
-    sign = 1 if ERRORS[metric][1] else -1
+    sign = 1 if ERRORS[metric] else -1
     front = pareto([r["seconds_per_megapixel"] for r in of], [sign * r[metric] for r in of])
     return [of[i]["method"] for i in front]
 
@@ -317,7 +321,7 @@ def _draw(summary, front, path):
     grid = figure.subplots(len(BANDS), len(ERRORS), sharex=True, sharey="col", squeeze=False)
     style = _styles(list(dict.fromkeys(r["method"] for r in summary)))
     within = [r["seconds_per_megapixel_high"] for r in summary if r["method"] != "scipy"]
-    edge = 3 * max(within)
+    edge = 20 * max(within)
     for axes, bands in zip(grid, BANDS, strict=True):
         of = {r["method"]: r for r in summary if r["bands"] == bands}
         for axis, metric in zip(axes, ERRORS, strict=True):
@@ -328,8 +332,8 @@ def _draw(summary, front, path):
             x, errors = ([r[n] for r in best] for n in ("seconds_per_megapixel", metric))
             axis.plot(x, _lost(metric, errors), ":", color="0.4", label="Pareto front", zorder=1)
         axes[0].set_ylabel(f"{bands} bands", fontsize=13)
-    for axis, (metric, (label, _)) in zip(grid[0], ERRORS.items(), strict=True):
-        axis.set_title(label, fontsize=12)
+    for axis, (metric, title) in zip(grid[0], TITLES.items(), strict=True):
+        axis.set_title(title, fontsize=12)
         axis.set(xscale="log", yscale="log")
         axis.yaxis.set_inverted(True)
         text = [f"{t:.0%}" if metric == "material_accuracy" else f"{t:g}" for t in TICKS[metric]]
@@ -338,16 +342,18 @@ def _draw(summary, front, path):
     for axis in grid.flat:
         axis.grid(color="0.92")
     grid[-1, 1].set_xlabel("seconds per megapixel, two threads", fontsize=12)
-    figure.legend(
-        *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=11
-    )
+    scenes = RANDOM_SCENES + len(PRESETS)
+    figure.suptitle(f"Medians and quartiles of {scenes} scenes; up and to the left is better")
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    names = [f"scipy, on {SCIPY_PIXELS} pixels" if n == "scipy" else n for n in names]
+    figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=11)
     with whole_file(path) as part:
         figure.savefig(part)
 
 
 def _lost(metric, values):
     """Errors as they are, of 1 what is missing."""
-    return 1 - np.asarray(values) if ERRORS[metric][1] else np.asarray(values)
+    return 1 - np.asarray(values) if ERRORS[metric] else np.asarray(values)
 
 
 def _styles(methods):
@@ -376,7 +382,7 @@ def _point(axis, r, metric, method, colour, marker, edge):
 def _quartiles(r, name):
     """(2, 1) how far they are from the median, the one with the smaller coordinate first."""
     below, above = r[name] - r[f"{name}_low"], r[f"{name}_high"] - r[name]
-    turned = name in ERRORS and ERRORS[name][1]
+    turned = name in ERRORS and ERRORS[name]
     return np.array([[above], [below]] if turned else [[below], [above]])
 
 

@@ -64,12 +64,26 @@ def test_every_method_is_ranked_at_any_number_of_bands(bands):
     assert sorted(best_first(bands)) == sorted(METHODS)
 
 
-def test_the_nearest_number_of_bands_is_by_ratio(tmp_path, monkeypatch):
+@pytest.fixture
+def charted(tmp_path, monkeypatch):
+    """charted(rows) puts the chart in place of the package's."""
     chart = tmp_path / "methods.csv"
-    chart.write_text("# by\nbands,method,material_accuracy\n4,a,0.9\n4,b,0.8\n64,a,0.1\n64,b,0.2\n")
     monkeypatch.setattr(module, "CHART", chart)
+    head = "# by\nbands,method,temperature_rmse_k,material_accuracy,texture_correlation\n"
+    return lambda *rows: chart.write_text(head + "\n".join(rows) + "\n")
+
+
+def test_the_nearest_number_of_bands_is_by_ratio(charted):
+    charted("4,a,1,0.9,0.9", "4,b,2,0.8,0.8", "64,a,2,0.1,0.1", "64,b,1,0.2,0.2")
     assert best_first(15) == ["a", "b"]
     assert best_first(17) == ["b", "a"]
+
+
+def test_the_best_is_best_in_most_and_less_is_better_of_temperature(charted):
+    charted("4,a,1.0,0.7,0.9", "4,b,1.5,0.8,0.8", "4,c,9.0,0.6,0.7")
+    assert best_first(4) == ["a", "b", "c"]
+    charted("4,a,9.0,0.7,0.9", "4,b,1.5,0.8,0.8", "4,c,1.0,0.6,0.7")
+    assert best_first(4)[0] == "b"
 
 
 def test_the_middle_of_a_cube_is_that_and_of_a_small_one_all():

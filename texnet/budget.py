@@ -1,9 +1,9 @@
 """Which method fits a time budget: the most accurate one that this machine runs fast enough.
 
-`methods.csv` in texnet/data, which `texnet bench chart` measured, says how many pixels each
-method gives their right material, at several numbers of bands. Its seconds are of another
-machine, so they do not count: best first, the methods are run on the middle of the cube itself,
-until one is fast enough.
+`methods.csv` in texnet/data, which `texnet bench chart` measured, says how accurate each method is
+at several numbers of bands: in temperature, in material and in texture, and the best is the one
+whose ranks in the three sum to the least. How fast they are depends on the machine: best first,
+the methods are run on the middle of the cube itself, until one is fast enough.
 """
 
 import csv
@@ -17,6 +17,7 @@ from physics.heat_cube import HeatCube
 
 from .pipeline import decompose
 
+ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
 CHART = files("texnet") / "data" / "methods.csv"
 # pixels on a side that a method is first run on, to load and compile, and then timed on; with 256
 # what is foreseen comes within some 10 % of what large cubes take
@@ -56,7 +57,12 @@ def best_first(bands):
     charted = {int(r["bands"]) for r in rows}
     nearest = min(charted, key=lambda n: abs(math.log(n / bands)))
     of = [r for r in rows if int(r["bands"]) == nearest]
-    return [r["method"] for r in sorted(of, key=lambda r: -float(r["material_accuracy"]))]
+    ranks = dict.fromkeys((r["method"] for r in of), 0)
+    for name, more_is_better in ERRORS.items():
+        ordered = sorted(of, key=lambda r, name=name: float(r[name]), reverse=more_is_better)
+        for rank, r in enumerate(ordered):
+            ranks[r["method"]] += rank
+    return sorted(ranks, key=ranks.get)
 
 
 def first_within(budget, methods, seconds):
