@@ -110,7 +110,7 @@ def test_what_is_foreseen_is_what_the_clock_says(monkeypatch):
     """By a clock that only the method moves: 2 s a pixel for one method, 1 s for the other."""
     now, tried = [0.0], []
 
-    def decompose(cube, library, *, method, environment, model):
+    def decompose(cube, library, *, method, environment, model, progress):
         tried.append((method, cube.shape))
         assert model == f"model of {method}" and environment is not None
         now[0] += {"net+sgd": 2.0, "net": 1.0}[method] * cube.radiance[0].size

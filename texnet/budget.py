@@ -24,26 +24,31 @@ CHART = files("texnet") / "data" / "methods.csv"
 WARM, CROP = 64, 256
 
 
-def choose(cube, library, k, budget, model_of):
+def choose(cube, library, k, budget, model_of, progress=None):
     """The most accurate method within a budget -> its name, the seconds per megapixel foreseen.
 
     k         objects of the environment
     budget    seconds per megapixel
     model_of  a method's name -> its model, as `decompose` takes it
+    progress  as `decompose` takes it
 
     Raises InputError with what the fastest takes if none fits.
     """
-    start = time.perf_counter()
-    environment = estimate_environment(cube, library, k)
-    once = (time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
     cube = cube.with_netd()
+    for _ in range(2):  # the first time loads
+        start = time.perf_counter()
+        environment = estimate_environment(cube, library, k)
+        once = (time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
 
     def seconds(method):
         model = model_of(method)
         for side in (WARM, CROP):
             part = middle(cube, side)
             start = time.perf_counter()
-            decompose(part, library, method=method, environment=environment, model=model)
+            decompose(
+                part, library, method=method, environment=environment, model=model,
+                progress=progress,
+            )  # fmt: skip
             took = time.perf_counter() - start
         return 1e6 * (once + took / (part.shape[0] * part.shape[1]))
 

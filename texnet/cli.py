@@ -301,14 +301,14 @@ def _decompose(
 
     check_directory(directory)
     runner = cache(lambda method: _runner(method, model))
-    if budget is None:
-        method = method or "net+sgd"
-    else:
-        from .budget import choose
-
-        method, foreseen = choose(cube, library, k, budget, runner)
-    run = runner(method)
     with progress_bar() as report:
+        if budget is None:
+            method = method or "net+sgd"
+        else:
+            from .budget import choose
+
+            method, foreseen = choose(cube, library, k, budget, runner, report)
+        run = runner(method)
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     metrics = None if truth is None else _metrics(d, cube, truth)
     paths = write_decomposition(d, cube, truth, directory, compare or truth is not None)
