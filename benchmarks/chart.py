@@ -108,14 +108,14 @@ def downwelling(atmosphere, wavelength_um, fwhm_um):
     return bands.average(weight * cosine @ sky_radiance(bands.fine_um, cosine, atmosphere))
 
 
-def texnet(method, model=None):
+def by_texnet(method, model=None):
     """A method of `decompose`."""
     return lambda scene: (
         decompose(scene.cube, scene.library, method=method, k=K, model=model), scene.truth
     )  # fmt: skip
 
 
-def separation(method):
+def by_separation(method):
     """A temperature-emissivity separation, and what follows it."""
 
     def run(scene):
@@ -132,7 +132,7 @@ def separation(method):
     return run
 
 
-def scipy(scene):
+def by_scipy(scene):
     """Eq. 6 on SCIPY_PIXELS of the scene, as pictures of one row."""
     model = reduce_model(
         scene.cube, scene.library, estimate_environment(scene.cube, scene.library, K)
@@ -170,16 +170,16 @@ def _answer(scene, truth, temperature_k, material, x, picture):
 
 def all_methods(networks):
     """{name: method}; networks are paths."""
-    methods = {name: separation(module) for name, module in SEPARATIONS.items()}
-    methods |= {"scipy": scipy, "local": texnet("local"), "sgd": texnet("sgd")}
-    methods["net"] = texnet("net", torch_model(False))
-    methods["net+sgd"] = texnet("net+sgd", Runtime(SHIPPED / "texnet.onnx", THREADS).run)
+    methods = {name: by_separation(module) for name, module in SEPARATIONS.items()}
+    methods |= {"scipy": by_scipy, "local": by_texnet("local"), "sgd": by_texnet("sgd")}
+    methods["net"] = by_texnet("net", torch_model(False))
+    methods["net+sgd"] = by_texnet("net+sgd", Runtime(SHIPPED / "texnet.onnx", THREADS).run)
     for steps in STEPS:
-        methods[f"net+sgd, {steps} steps"] = texnet("net+sgd", torch_model(steps=steps))
+        methods[f"net+sgd, {steps} steps"] = by_texnet("net+sgd", torch_model(steps=steps))
     for path in networks:
         if path.stem in methods:
             raise InputError(f"chart: two methods are called {path.stem}; rename {path}.")
-        methods[path.stem] = texnet("net+sgd", torch_model(network=load_network(path)[0]))
+        methods[path.stem] = by_texnet("net+sgd", torch_model(network=load_network(path)[0]))
     return methods
 
 

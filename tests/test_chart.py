@@ -10,7 +10,7 @@ from traced import one_thread  # noqa: F401
 
 import benchmarks.accuracy as accuracy
 import benchmarks.chart as chart
-from benchmarks.chart import Scene, medians, pareto, pareto_methods, scipy, separation
+from benchmarks.chart import Scene, by_scipy, by_separation, medians, pareto, pareto_methods
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.rows import read_csv
 from physics.library import MaterialLibrary
@@ -90,7 +90,7 @@ def test_the_sky_that_the_separations_are_told_lights_what_is_open_to_it(traced)
 
 def test_a_separation_is_told_the_sky_and_what_it_says_of_x_obeys_eq_1(traced):
     scene = Scene(traced, 9)
-    answer, truth = separation(nem)(scene)
+    answer, truth = by_separation(nem)(scene)
     sky = ~non_sky(truth)
     assert (answer.material[sky] == scene.library.sky_index).all()
     assert (answer.material[~sky] != scene.library.sky_index).all()
@@ -103,7 +103,7 @@ def test_a_separation_is_told_the_sky_and_what_it_says_of_x_obeys_eq_1(traced):
 def test_scipy_and_its_truth_are_of_the_same_pixels(traced, monkeypatch):
     monkeypatch.setattr(chart, "SCIPY_PIXELS", 6)
     scene = Scene(traced, 9)
-    answer, truth = scipy(scene)
+    answer, truth = by_scipy(scene)
     assert truth.material.shape == (1, 6) and truth.texture.shape == (9, 1, 6)
     errors = evaluate(answer, truth)
     # the temperature of each is found to a kelvin or so, which no other pixel's truth would be
@@ -124,7 +124,8 @@ def toy(monkeypatch):
     monkeypatch.setattr(accuracy, "SIZE", (24, 32))
     monkeypatch.setattr(accuracy, "SPP", 4)
     # named as if they were texnet's, which take longer
-    few = {"NEM": separation(nem), "local": separation(brightness), "sgd": separation(isstes)}
+    few = {"NEM": nem, "local": brightness, "sgd": isstes}
+    few = {name: by_separation(module) for name, module in few.items()}
     monkeypatch.setattr(chart, "all_methods", lambda networks: few)
 
 
