@@ -6,8 +6,9 @@ All variants see the same draws of the scenes of `texnet train`, in one run, for
 epochs, and are measured on the validation scenes, the network alone: cross entropy, accuracy,
 T RMSE, each a mean over two seeds. `seeds` is half the difference that the seed makes in cross
 entropy, `standard_error` that of the difference to the shipped form over the scenes. Costs are
-parameters, and multiply-adds per pixel of the convolutions. Writes ablation.csv and
-ablation.png; a stopped run goes on from its last epoch.
+parameters, and multiply-adds per pixel of the convolutions. Writes ablation.csv, ablation.png and
+the weights of the first seed, VARIANT.safetensors, for `texnet bench chart --network`; a stopped
+run goes on from its last epoch.
 """
 
 import argparse
@@ -20,6 +21,7 @@ import torch
 from benchmarks.rows import write_csv
 from texnet.network import TeXNet
 from texnet.progress import progress_bar
+from texnet.weights import save_network
 from training import train
 from training.scenes import SceneSet
 
@@ -52,8 +54,8 @@ class Together(train.Training):
             torch.nn.utils.clip_grad_norm_(t.parameters(), gradient_clip_val)
 
 
-def compare(cache, epochs, progress=None):
-    """Train all variants -> a row of costs and validation metrics for each."""
+def compare(out, cache, epochs, progress=None):
+    """Train all variants, write weights into out -> a row of costs and validation metrics each."""
     sets = [
         SceneSet(cache, "train", train.SCENES),
         SceneSet(cache, "validation", train.VALIDATION_SCENES),
@@ -84,6 +86,8 @@ def compare(cache, epochs, progress=None):
                 metrics[name].append({n: float(v) for n, v in t.measures(sample, s).items()})
     of_seeds = lambda name: [metrics[f"{name}, seed {seed}"] for seed in SEEDS]  # noqa: E731
     network = lambda name: trainings[f"{name}, seed {SEEDS[0]}"].network  # noqa: E731
+    for name in VARIANTS:
+        save_network(network(name), out / f"{name}.safetensors", what | {"variant": name})
     return [_row(n, network(n), of_seeds(n), of_seeds(SHIPPED)) for n in VARIANTS]
 
 
@@ -114,7 +118,7 @@ def main():
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     with progress_bar() as report:
-        rows = compare(args.cache, args.epochs, report)
+        rows = compare(args.out, args.cache, args.epochs, report)
     for row in rows:
         print(row, flush=True)
     write_csv(args.out / "ablation.csv", rows)

@@ -33,13 +33,15 @@ SHOWN = (
 )  # fmt: skip
 
 
-def test_scenes(random_scenes=RANDOM_SCENES, presets=PRESETS):
-    """Yield name and TracedScene of every test scene; rooms without sky among them."""
+def test_scenes(random_scenes=RANDOM_SCENES, presets=PRESETS, done=()):
+    """Yield name and TracedScene of every test scene but those whose names are in done; rooms
+    without sky among them."""
     library = MaterialLibrary.starter()
     chosen = [("random", BASE_SEED["test"] + i) for i in range(random_scenes)]
     chosen += [(name, 7) for name in presets]
     for name, seed in chosen:
-        yield f"{name} {seed}", trace_scene(preset(name, seed), SIZE, SPP, seed, library)
+        if f"{name} {seed}" not in done:
+            yield f"{name} {seed}", trace_scene(preset(name, seed), SIZE, SPP, seed, library)
 
 
 def measure(cube, truth, method):

@@ -14,13 +14,8 @@ def write_csv(path, rows):
 
 
 def read_csv(path):
-    """The rows that `write_csv` wrote; what reads as a number is one."""
-    with open(path, newline="") as file:
-        return [{name: _value(text) for name, text in row.items()} for row in csv.DictReader(file)]
-
-
-def _value(text):
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    """The rows that write_csv wrote, all their values as text; none if there is no file."""
+    if not path.exists():
+        return []
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))

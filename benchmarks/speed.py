@@ -43,6 +43,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from threadpoolctl import threadpool_limits
 
+from benchmarks.peers.scipy_fit import fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from physics.estimate import estimate_environment
 from physics.evidence import Known
@@ -50,7 +51,7 @@ from physics.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.local import solve_given, solve_local
-from physics.reduced import V_PRECISION, reduce_model
+from physics.reduced import reduce_model
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands, equidistant_bands
@@ -138,13 +139,13 @@ def methods(cube, library):
 def scipy_fit(cube, library, environment):
     """A row of the peer, and by how much its least J over all materials exceeds ours, nats."""
     model = reduce_model(cube, library, environment)
-    pure = np.flatnonzero((model.sky_share == 0) & (model.material != library.sky_index))
+    pure = pure_hypotheses(model)
     pixels = np.random.default_rng(0).permutation(len(cube.spectra))
     local = solve_local(model, cube.spectra[pixels[: 10 * SCIPY_PIXELS]])
     ground = local.energy.argmin(axis=1) != library.sky_index
     spectra = cube.spectra[pixels[: 10 * SCIPY_PIXELS][ground][:SCIPY_PIXELS]].astype(float)
     start = time.perf_counter()
-    theirs = np.array([[fit(model, s, r) for r in pure] for s in spectra])
+    theirs = np.array([[fit(model, s, r, cube.fwhm_um)[0] for r in pure] for s in spectra])
     seconds = time.perf_counter() - start
     zero, t = np.zeros(len(spectra)), np.full(len(spectra), model.prior_mean_k)
     ours = [solve_given(model, spectra, np.full(len(t), r), t, zero, zero)[0] for r in pure]
@@ -154,31 +155,6 @@ def scipy_fit(cube, library, environment):
         "seconds_per_megapixel": seconds / len(spectra) * 1e6,
         "least_excess_nats": excess.min(), "most_excess_nats": excess.max(),
     }  # fmt: skip
-
-
-def fit(model, spectrum, r):
-    """J + occam of a pixel (bands,) and hypothesis r, by scipy's bounded least squares."""
-    from scipy.optimize import least_squares
-
-    from physics.planck import radiance
-
-    e, k = model.emissivity[r], model.k
-    scale, d = model.scale[r], model.deflate[:, r]
-    root = np.linalg.cholesky(np.diag(scale**2) - d @ d.T).T  # P = root' root
-
-    def residual(x):
-        t, v = x[0], x[1:]
-        s = e * radiance(model.wavelength_um, t) + (1 - e) * (v @ model.environment.radiance)
-        return np.concatenate([
-            root @ ((spectrum - s) / model.sigma),
-            [(t - model.prior_mean_k) / model.prior_sigma_k, 1e4 * (v.sum() - 1)],
-            (V_PRECISION * k) ** 0.5 * (v - 1 / k),
-        ])  # fmt: skip
-
-    start = np.concatenate([[model.prior_mean_k], np.full(k, 1 / k)])
-    low, high = np.zeros(k + 1), np.ones(k + 1)
-    low[0], high[0] = model.mid_k - model.half_k, model.mid_k + model.half_k
-    return least_squares(residual, start, bounds=(low, high)).cost + model.occam[r]
 
 
 def pan(bands):

@@ -436,6 +436,13 @@ def draw(rows, path):
         figure.savefig(part, dpi=75)
 
 
+def _value(text):
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 def _means(rows, levels, what):
     """Of a column, the mean over the scenes at each level."""
     of = [[r[what] for r in rows if r["level"] == level] for level in levels]
@@ -452,7 +459,7 @@ def measure(out, axes=tuple(AXES), progress=None):
 
     out.mkdir(parents=True, exist_ok=True)
     table, library = out / "stability.csv", MaterialLibrary.starter()
-    rows = read_csv(table) if table.exists() else []
+    rows = [{name: _value(text) for name, text in row.items()} for row in read_csv(table)]
     known = {(r["axis"], r["level"], r["scene"]) for r in rows}
     model = Runtime(ONNX).run
     jobs = [

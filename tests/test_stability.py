@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from benchmarks import stability
-from benchmarks.rows import read_csv, write_csv
 from benchmarks.stability import AXES, Case, View, amplification, faults
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, radiance
@@ -103,10 +102,3 @@ def test_faults_are_found():
     assert not list(faults([row(0, 1, 1), row(1, 2, 2), row(2, 1, 1)]))
     assert len(list(faults([row(0, 1, 1), row(1, 2, 0.5)]))) == 1
     assert len(list(faults([row(0, 1, 1), row(1, np.nan, np.nan, "raised")]))) == 1
-
-
-def test_rows_come_back_from_csv(tmp_path):
-    rows = [{"axis": "a", "x": 1.5, "failure": ""}, {"axis": "c", "x": np.nan, "failure": "d"}]
-    write_csv(tmp_path / "t.csv", rows)
-    again = read_csv(tmp_path / "t.csv")
-    assert again[0] == rows[0] and np.isnan(again[1]["x"]) and again[1]["failure"] == "d"

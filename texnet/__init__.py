@@ -4,6 +4,7 @@ pipeline    the pipeline: HeatCube in, Decomposition out
 exact       methods local and sgd
 model       net+sgd as one module: evidence, network, refinement, texture
 network     TeXNet
+budget      the most accurate method that fits a time budget
 doubt       when an answer should not be trusted
 learned     the model with the shipped weights
 weights     weights on disk

@@ -11,6 +11,7 @@ import os
 import re
 import sys
 from contextlib import contextmanager
+from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -18,6 +19,10 @@ import numpy as np
 
 from physics.errors import InputError
 
+FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
+    "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
+    "environment-method", "environment-count",
+)  # fmt: skip
 DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
 SHIPPED = "texnet.onnx"  # there too
 MODEL = "texnet.safetensors"  # in texnet/data
@@ -54,10 +59,12 @@ def demo(args):
 
 
 def decompose(args):
+    if args.budget is not None and (args.method or args.model):
+        raise InputError("--budget chooses the method; leave out --method and --model.")
     return _decompose(
         args.cube, args.out, args.library, args.method, args.k, args.model, args.compare,
-        args.device,
-    )
+        args.budget, args.device,
+    )  # fmt: skip
 
 
 def simulate(args):
@@ -258,11 +265,40 @@ def bench_stability(args):
     return text, {"command": "bench stability", "rows": rows, "faults": faults}
 
 
+def bench_chart(args):
+    from benchmarks.chart import measure, table
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    try:
+        with progress_bar() as report:
+            result = measure(args.out, args.network, report)
+    except KeyboardInterrupt:
+        print("texnet: stopped; the same command goes on after the last scene.", file=sys.stderr)
+        raise
+    text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png, methods.csv."])
+    return text, {"command": "bench chart"} | result
+
+
+def reproduce(args):
+    from benchmarks.reproduce import reproduce as make
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    with progress_bar() as report:
+        text, result = make(args.figure, args.out, args.full, report)
+    return text, {"command": "reproduce", "figure": args.figure} | result
+
+
 # --- decompose and demo ------------------------------------------------------------------
 
 
 def _decompose(
-    cube_path, directory, library=None, method="net+sgd", k=5, model=None, compare=False,
+    cube_path, directory, library=None, method=None, k=5, model=None, compare=False, budget=None,
     device="cpu",
 ):  # fmt: skip
     from physics.library import MaterialLibrary
@@ -278,10 +314,17 @@ def _decompose(
     from .progress import progress_bar
 
     check_directory(directory)
-    run = _runner(method, model, device)
+    runner = cache(lambda method: _runner(method, model, device))
     with progress_bar() as report:
+        if budget is None:
+            method = method or "net+sgd"
+        else:
+            from .budget import choose
+
+            method, foreseen = choose(cube, library, k, budget, runner, report)
+        run = runner(method)
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
-    del run  # and the memory that it keeps for the next tile
+    del run, runner  # and the memory that it keeps for the next tile
     metrics = None if truth is None else _metrics(d, cube, truth)
     paths = write_decomposition(d, cube, truth, directory, compare or truth is not None)
 
@@ -297,6 +340,10 @@ def _decompose(
         "unknown": d.unknown.mean(), "residual": np.median(d.residual),
         "seconds": d.seconds, "metrics": metrics, "files": paths,
     }  # fmt: skip
+    if budget is not None:
+        result["budget"] = {
+            "seconds_per_megapixel": budget, "foreseen_seconds_per_megapixel": foreseen,
+        }  # fmt: skip
     return _summary(result), result
 
 
@@ -356,6 +403,14 @@ def _summary(r):
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]
+    if "budget" in r:
+        foreseen, allowed = (
+            r["budget"][f"{which}seconds_per_megapixel"] for which in ("foreseen_", "")
+        )
+        lines.append(
+            f"Method       {r['method']}: {foreseen:.1f} s per megapixel foreseen, {allowed:g} "
+            "allowed"
+        )
     if not r["sky_in_view"]:
         lines.append("Sky          none in view: texture is the residual; wrong if outdoors")
     if r["metrics"] is not None:
@@ -443,9 +498,13 @@ def _parser():
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
-        "--method", choices=("local", "sgd", "net", "net+sgd"), default="net+sgd",
+        "--method", choices=("local", "sgd", "net", "net+sgd"),
         help="the network's proposal refined (default), or alone; or without a network: each "
         "pixel by itself, or semi-global",
+    )  # fmt: skip
+    p.add_argument(
+        "--budget", metavar="S", type=_seconds,
+        help="take the most accurate method that needs at most S seconds per megapixel here",
     )  # fmt: skip
     p.add_argument(
         "--compare", action="store_true",
@@ -507,6 +566,19 @@ def _parser():
         actions, "stability", bench_stability, "where methods fail, and whether they say so; 15 min"
     )
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p = add(actions, "chart", bench_chart, "accuracy against time beside the peers; minutes")
+    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument(
+        "--network", metavar="FILE", type=Path, action="append", default=[],
+        help=".safetensors of one more network to chart; may be given several times",
+    )  # fmt: skip
+
+    p = add(commands, "reproduce", reproduce, "one of the paper's results, on scenes of our own")
+    p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
+    p.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("reproduce"), help="default: reproduce"
+    )
+    p.add_argument("--full", action="store_true", help="the published size; hours")
 
     p = commands.add_parser("library", help="the starter library of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
@@ -567,6 +639,16 @@ def _netd(text):
         value = math.nan
     if not 0 <= value < 100:
         raise argparse.ArgumentTypeError(f"need a temperature from 0 to below 100 K, got {text!r}")
+    return value
+
+
+def _seconds(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"need a number of seconds above 0, got {text!r}")
     return value
 
 

@@ -18,16 +18,16 @@ from .weights import load_network
 WEIGHTS = "texnet.safetensors"  # in texnet/data
 
 
-def torch_model(refined=True, network=None, device="cpu"):
+def torch_model(refined=True, network=None, steps=STEPS, device="cpu"):
     """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
 
-    refined   net+sgd; else net.  network   a TeXNet; the shipped one if None
+    refined   net+sgd, of so many steps; else net.  network   a TeXNet; the shipped one if None
     device    "cpu" or "cuda", where it is computed
     radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
     """
     check_device(device)
     network = network or shipped_network()
-    model = TeXModel(deepcopy(network).to(device), STEPS if refined else 0)
+    model = TeXModel(deepcopy(network).to(device), steps if refined else 0)
 
     def run(radiance, known, progress=None):
         tensors = Known(**{name: torch.from_numpy(a).to(device) for name, a in known.items()})

@@ -1,0 +1,409 @@
+"""Accuracy against time: texnet's methods beside what a user would take instead.
+
+    python -m benchmarks.chart --out DIR [--network FILE.safetensors ...]   (or: texnet bench chart)
+
+Five random test scenes and `forest`, 128 x 160 pixels, path-traced once and shaded in 4, 18 and
+54 bands over 8-14 um, noise 50 mK, the starter library of 30 materials. In one run, in turn, on
+two threads, each method once before it is timed:
+
+    local, sgd, net, net+sgd      texnet: the whole of `decompose` but files and pictures, with
+                                  the environment estimated from the cube, k = 5; net+sgd by ONNX
+                                  Runtime, as users get it, all other networks in torch
+    net+sgd, 2 (5, 10) steps      more refinement than the one step that ships
+    NAME                          net+sgd with the network of NAME.safetensors, if given
+    brightness temperature, NEM, ISSTES   temperature-emissivity separation (benchmarks.peers),
+                                  then the library's nearest curve, then X
+    scipy                         Eq. 6 per pixel and material by bounded least squares, in one
+                                  thread, on 50 pixels at random; time and errors are of these.
+                                  So few miss most of what is rare and wrong: it is no part of
+                                  the Pareto front, and what it minimises is `local`'s objective
+
+The separations are favoured: they are told the true downwelling radiance of the scene's sky (in
+a room the mean of the true X), and, as scipy is, which pixels are sky. Their picture of the
+sky-lit texture is their X or its negative, whichever matches better.
+
+Writes chart.csv, a row per scene, bands and method; chart.png, medians over the scenes with their
+quartiles and the Pareto front; methods.csv, the errors that `texnet decompose --budget` goes by.
+A stopped run goes on after the last whole scene that was measured with the same settings.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import platform
+import time
+from dataclasses import replace
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from types import SimpleNamespace
+
+import numba
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from threadpoolctl import threadpool_limits
+
+from benchmarks.accuracy import NETD_K, SIZE, SPP, K, test_scenes
+from benchmarks.peers import brightness, isstes, nem
+from benchmarks.peers.band_planck import BandPlanck
+from benchmarks.peers.naming import band_curves, light, nearest
+from benchmarks.peers.scipy_fit import fit_all
+from benchmarks.rows import read_csv, write_csv
+from export.runtime import Runtime
+from physics.errors import InputError
+from physics.estimate import estimate_environment
+from physics.library import MaterialLibrary
+from physics.reduced import reduce_model
+from physics.simulator.sensor import Bands, equidistant_bands
+from physics.sky import sky_radiance
+from physics.whole_file import whole_file
+from texnet.budget import ERRORS
+from texnet.learned import torch_model
+from texnet.metrics import correlation, evaluate, non_sky
+from texnet.pipeline import METHODS, decompose
+from texnet.weights import load_network
+
+BANDS, THREADS = (4, 18, 54), 2
+RANDOM_SCENES, PRESETS = 5, ("forest",)
+STEPS = (2, 5, 10)  # of refinement, beside the one that ships
+SCIPY_PIXELS = 50
+SEPARATIONS = {"brightness temperature": brightness, "NEM": nem, "ISSTES": isstes}
+TITLES = {
+    "temperature_rmse_k": "T off by (RMS, K)",
+    "material_accuracy": "right material",
+    "texture_correlation": "sky-lit texture, correlation",
+}
+SHOWN = ("seconds_per_megapixel", *ERRORS)
+SHIPPED = files("texnet") / "data"
+
+
+# --- the methods: each takes a Scene and gives what `evaluate` takes, and its Truth --------
+
+
+class Scene:
+    """A shaded scene with what its methods are told: the cube, its truth, library and sky."""
+
+    def __init__(self, traced, bands):
+        self.library = MaterialLibrary.starter()
+        w, fwhm = equidistant_bands(bands)
+        self.cube, self.truth = traced.shade(self.library, w, fwhm, NETD_K)
+        self.planck = BandPlanck(w, fwhm)
+        self.curves = band_curves(self.library, w, fwhm)
+        if traced.atmosphere is None:
+            self.sky = self.truth.texture[:, non_sky(self.truth)].mean(axis=1).astype(float)
+        else:
+            self.sky = downwelling(traced.atmosphere, w, fwhm)
+
+
+def downwelling(atmosphere, wavelength_um, fwhm_um):
+    """(bands,) of box bands, W m-2 sr-1 um-1: the radiance of the whole sky, each direction
+    counting as it lights a level surface."""
+    bands = Bands.of(wavelength_um, fwhm_um)
+    node, weight = np.polynomial.legendre.leggauss(64)
+    cosine = (node + 1) / 2
+    # 2 cos d(cos) over 0..1; the nodes' weights sum to 2
+    return bands.average(weight * cosine @ sky_radiance(bands.fine_um, cosine, atmosphere))
+
+
+def by_texnet(method, model=None):
+    """A method of `decompose`."""
+    return lambda scene: (
+        decompose(scene.cube, scene.library, method=method, k=K, model=model), scene.truth
+    )  # fmt: skip
+
+
+def by_separation(method):
+    """A temperature-emissivity separation, and what follows it."""
+
+    def run(scene):
+        spectra, truth = scene.cube.spectra.astype(float), scene.truth
+        t, e = method.separate(spectra, scene.planck, scene.sky)
+        solid = np.flatnonzero(np.arange(len(scene.library)) != scene.library.sky_index)
+        named = solid[nearest(e, scene.curves[solid])]
+        x, mean = light(spectra, t, scene.curves[named], scene.planck)
+        ground = non_sky(truth)
+        if correlation(mean.reshape(ground.shape), truth.sky_texture, ground) < 0:
+            mean = -mean
+        return _answer(scene, truth, t, named, x.T, mean), truth
+
+    return run
+
+
+def by_scipy(scene):
+    """Eq. 6 on SCIPY_PIXELS of the scene, as pictures of one row."""
+    model = reduce_model(
+        scene.cube, scene.library, estimate_environment(scene.cube, scene.library, K)
+    )
+    pixels = scene.truth.material.size
+    some = np.random.default_rng(0).choice(pixels, min(pixels, SCIPY_PIXELS), replace=False)
+    truth = replace(
+        scene.truth,
+        **{
+            name: array.reshape(*array.shape[:-2], 1, -1)[..., some]
+            for name, array in vars(scene.truth).items()
+            if name not in ("material_names", "wavelength_um", "visible")
+        },
+    )
+    spectra = scene.cube.spectra[some].astype(float)
+    fits = [fit_all(model, s, scene.cube.fwhm_um) for s in spectra]
+    material, t, v = (np.array(part) for part in zip(*fits, strict=True))
+    sky = list(model.environment.sky)
+    of_sky = v[:, sky] @ model.environment.radiance[sky].mean(axis=1)
+    return _answer(scene, truth, t, material, (v @ model.environment.radiance).T, of_sky), truth
+
+
+def _answer(scene, truth, temperature_k, material, x, picture):
+    """What `evaluate` takes, of flat maps; which pixels are sky is told."""
+    maps = lambda a: a.reshape(*a.shape[:-1], *truth.material.shape)  # noqa: E731
+    material = np.where(non_sky(truth), maps(material), scene.library.sky_index)
+    return SimpleNamespace(
+        temperature_k=maps(temperature_k), material=material, material_names=scene.library.names,
+        texture=maps(x), sky_texture=maps(picture),
+        # they give none of these
+        temperature_sigma_k=np.zeros(material.shape), unknown=np.zeros(material.shape, bool),
+        material_probability=np.ones((len(scene.library), *material.shape)),
+    )  # fmt: skip
+
+
+def all_methods(networks):
+    """{name: method}; networks are paths."""
+    methods = {name: by_separation(module) for name, module in SEPARATIONS.items()}
+    methods |= {"scipy": by_scipy, "local": by_texnet("local"), "sgd": by_texnet("sgd")}
+    methods["net"] = by_texnet("net", torch_model(False))
+    methods["net+sgd"] = by_texnet("net+sgd", Runtime(SHIPPED / "texnet.onnx", THREADS).run)
+    for steps in STEPS:
+        methods[f"net+sgd, {steps} steps"] = by_texnet("net+sgd", torch_model(steps=steps))
+    for path in networks:
+        if path.stem in methods:
+            raise InputError(f"chart: two methods are called {path.stem}; rename {path}.")
+        methods[path.stem] = by_texnet("net+sgd", torch_model(network=load_network(path)[0]))
+    return methods
+
+
+# --- measuring ----------------------------------------------------------------------------
+
+
+def measure(out, networks=(), progress=None):
+    """Measure what is not yet in chart.csv, write everything -> {"rows", "medians", "pareto"}.
+
+    networks  paths of .safetensors to be charted, too
+    progress  called as progress(done, total, what)
+
+    Raises InputError where a network cannot be read.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    numba.set_num_threads(THREADS)
+    torch.set_num_threads(THREADS)
+    methods, settings = all_methods(networks), _settings(networks)
+    wanted = {(str(b), m) for b in BANDS for m in methods}
+    rows = _whole_scenes(read_csv(out / "chart.csv"), settings, wanted)
+    done = list(dict.fromkeys(r["scene"] for r in rows))
+    total, count = (RANDOM_SCENES + len(PRESETS)) * len(wanted), len(rows)
+    with threadpool_limits(THREADS):
+        for name, traced in test_scenes(RANDOM_SCENES, PRESETS, done):
+            of_scene = []
+            for bands in BANDS:
+                scene = Scene(traced, bands)
+                for method, run in methods.items():
+                    if progress:
+                        progress(count + len(of_scene), total, "chart")
+                    row = {"scene": name, "bands": bands, "method": method}
+                    of_scene.append(row | _scores(run, scene) | {"settings": settings})
+            rows += of_scene
+            count += len(of_scene)
+            write_csv(out / "chart.csv", rows)
+    rows = [r | {"bands": int(r["bands"])} | {n: float(r[n]) for n in SHOWN} for r in rows]
+    summary = medians(rows)
+    front = {b: {m: pareto_methods(summary, b, m) for m in ERRORS} for b in BANDS}
+    _draw(summary, front, out / "chart.png")
+    _write_methods(summary, out / "methods.csv")
+    return {"rows": rows, "medians": summary, "pareto": front}
+
+
+def _scores(run, scene):
+    """Seconds per megapixel of a second run, and the errors."""
+    run(scene)
+    start = time.perf_counter()
+    answer, truth = run(scene)
+    seconds = time.perf_counter() - start
+    errors = evaluate(answer, truth)
+    if np.ptp(truth.sky_texture[non_sky(truth)]) == 0:
+        errors["texture_correlation"] = np.nan  # a room: the sky lights nothing
+    per = seconds / truth.material.size * 1e6
+    return {"seconds_per_megapixel": per} | {name: errors[name] for name in ERRORS}
+
+
+def _settings(networks):
+    """A digest of all that a measurement depends on, this machine included."""
+    weights = [SHIPPED / "texnet.onnx", SHIPPED / "texnet.safetensors", *networks]
+    held = [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights]
+    packages = {n: version(n) for n in ("texnet", "torch", "onnxruntime", "numba", "scipy")}
+    told = [BANDS, SIZE, SPP, NETD_K, K, STEPS, SCIPY_PIXELS, THREADS, held, packages,
+            platform.machine(), os.cpu_count()]  # fmt: skip
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]
+
+
+def _whole_scenes(rows, settings, wanted):
+    """The rows with these settings of scenes that have all the (bands, method) wanted."""
+    rows = [r for r in rows if r.get("settings") == settings]
+    of = {}
+    for r in rows:
+        of.setdefault(r["scene"], set()).add((r["bands"], r["method"]))
+    return [r for r in rows if of[r["scene"]] == wanted]
+
+
+def medians(rows):
+    """A row per bands and method: of every SHOWN its median over the scenes, and under NAME_low
+    and NAME_high its quartiles; scenes where it means nothing are left out."""
+    summary = []
+    for key in dict.fromkeys((r["bands"], r["method"]) for r in rows):
+        row = dict(zip(("bands", "method"), key, strict=True))
+        for name in SHOWN:
+            of = np.array([r[name] for r in rows if (r["bands"], r["method"]) == key])
+            low, row[name], high = (float(q) for q in np.nanpercentile(of, [25, 50, 75]))
+            row |= {f"{name}_low": low, f"{name}_high": high}
+        summary.append(row)
+    return summary
+
+
+def pareto(cost, score):
+    """Indices, cheapest first, of the points that none beats: no other costs less, or as much,
+    and scores more."""
+    front = []
+    for i in sorted(range(len(cost)), key=lambda i: (cost[i], -score[i])):
+        if not front or score[i] > score[front[-1]]:
+            front.append(i)
+    return front
+
+
+def pareto_methods(summary, bands, metric):
+    """Names of the methods on the front of time and a metric, fastest first."""
+    of = [r for r in summary if r["bands"] == bands and r["method"] != "scipy"]
+    sign = 1 if ERRORS[metric] else -1
+    front = pareto([r["seconds_per_megapixel"] for r in of], [sign * r[metric] for r in of])
+    return [of[i]["method"] for i in front]
+
+
+def _write_methods(summary, path):
+    """What texnet.budget reads: the methods of `decompose` alone."""
+    columns = ("bands", "method", *ERRORS)
+    lines = ["# medians over the test scenes, by: texnet bench chart --out DIR", ",".join(columns)]
+    for r in summary:
+        if r["method"] in METHODS:
+            values = [f"{r[name]:.4g}" for name in ERRORS]
+            lines.append(",".join([str(r["bands"]), r["method"], *values]))
+    with whole_file(path) as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+# --- drawing ------------------------------------------------------------------------------
+
+# Okabe and Ito's colours; markers are the second cue
+STYLE = {
+    "brightness temperature": ("#999999", "v"), "NEM": ("#999999", "^"), "ISSTES": ("#999999", "s"),
+    "scipy": ("#000000", "X"), "local": ("#0072B2", "o"), "sgd": ("#56B4E9", "D"),
+    "net": ("#E69F00", "o"), "net+sgd": ("#D55E00", "*"),
+}  # fmt: skip
+OF_STEPS, OTHERS = "#D55E00", ("#009E73", "Pph<>")
+TICKS = {
+    "temperature_rmse_k": (0.2, 0.5, 1, 2, 5, 10),
+    "material_accuracy": (0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99),
+    "texture_correlation": (0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99),
+}
+
+
+def _draw(summary, front, path):
+    """A row of panels per number of bands; up is better, and steps are of what is lost."""
+    figure = Figure(figsize=(9, 9.4), layout="constrained", dpi=110)
+    grid = figure.subplots(len(BANDS), len(ERRORS), sharex=True, sharey="col", squeeze=False)
+    style = _styles(list(dict.fromkeys(r["method"] for r in summary)))
+    within = [r["seconds_per_megapixel_high"] for r in summary if r["method"] != "scipy"]
+    edge = 20 * max(within)
+    for axes, bands in zip(grid, BANDS, strict=True):
+        of = {r["method"]: r for r in summary if r["bands"] == bands}
+        for axis, metric in zip(axes, ERRORS, strict=True):
+            for method, r in of.items():
+                if np.isfinite(r[metric]):
+                    _point(axis, r, metric, method, *style[method], edge)
+            best = [of[m] for m in front[bands][metric]]
+            x, errors = ([r[n] for r in best] for n in ("seconds_per_megapixel", metric))
+            axis.plot(x, _lost(metric, errors), ":", color="0.4", label="Pareto front", zorder=1)
+        axes[0].set_ylabel(f"{bands} bands", fontsize=13)
+    for axis, (metric, title) in zip(grid[0], TITLES.items(), strict=True):
+        axis.set_title(title, fontsize=12)
+        axis.set(xscale="log", yscale="log")
+        axis.yaxis.set_inverted(True)
+        text = [f"{t:.0%}" if metric == "material_accuracy" else f"{t:g}" for t in TICKS[metric]]
+        axis.set_yticks(_lost(metric, TICKS[metric]), text)
+        axis.yaxis.set_minor_locator(NullLocator())
+    for axis in grid.flat:
+        axis.grid(color="0.92")
+    grid[-1, 1].set_xlabel("seconds per megapixel, two threads", fontsize=12)
+    scenes = RANDOM_SCENES + len(PRESETS)
+    figure.suptitle(f"Medians and quartiles of {scenes} scenes; up and to the left is better")
+    handles, names = grid[0, 0].get_legend_handles_labels()
+    names = [f"scipy, on {SCIPY_PIXELS} pixels" if n == "scipy" else n for n in names]
+    figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=11)
+    with whole_file(path) as part:
+        figure.savefig(part)
+
+
+def _lost(metric, values):
+    """Errors as they are, of 1 what is missing."""
+    return 1 - np.asarray(values) if ERRORS[metric] else np.asarray(values)
+
+
+def _styles(methods):
+    """{method: (colour, marker)}; more steps are their number."""
+    others = [m for m in methods if m not in STYLE and not m.endswith(" steps")]
+    steps = {f"net+sgd, {n} steps": (OF_STEPS, f"${n}$") for n in STEPS}
+    colour, markers = OTHERS
+    return STYLE | steps | {m: (colour, markers[i % 5]) for i, m in enumerate(others)}
+
+
+def _point(axis, r, metric, method, colour, marker, edge):
+    """A median with its quartiles; what lies beyond the right edge stands there with its time."""
+    time_s, of_time = r["seconds_per_megapixel"], _quartiles(r, "seconds_per_megapixel")
+    at, bar = _lost(metric, r[metric]), _quartiles(r, metric)
+    if time_s > edge:
+        text = f"{float(f'{time_s:.1g}'):,.0f} s \u2192"
+        axis.annotate(text, (edge, at), xytext=(5, -13), textcoords="offset points", ha="right",
+                      fontsize=8)  # fmt: skip
+        time_s, of_time = edge, None
+    axis.errorbar(
+        time_s, at, bar, of_time, ls="none", marker=marker, color=colour, ms=8, elinewidth=0.8,
+        label=method, zorder=2,
+    )  # fmt: skip
+
+
+def _quartiles(r, name):
+    """(2, 1) how far they are from the median, the one with the smaller coordinate first."""
+    below, above = r[name] - r[f"{name}_low"], r[f"{name}_high"] - r[name]
+    turned = name in ERRORS and ERRORS[name]
+    return np.array([[above], [below]] if turned else [[below], [above]])
+
+
+def table(summary):
+    """Lines of text: a row per bands and method, medians."""
+    yield f"{'bands':>5} {'method':24}" + "".join(f"{n[:20]:>22}" for n in SHOWN)
+    for r in summary:
+        yield f"{r['bands']:5d} {r['method']:24}" + "".join(f"{r[n]:22.3f}" for n in SHOWN)
+
+
+def main():
+    from texnet.progress import progress_bar
+
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--network", type=Path, action="append", default=[])
+    args = parser.parse_args()
+    with progress_bar() as report:
+        result = measure(args.out, args.network, report)
+    print("\n".join(table(result["medians"])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""Iterative spectrally smooth temperature-emissivity separation (ISSTES).
+
+A wrong T leaves the sky's lines in e(T) = (S - X) / (B(T) - X); the right T leaves a smooth
+spectrum. So T is the one that minimises
+
+    sum over bands of (e_i - (e_(i-1) + e_i + e_(i+1)) / 3)^2
+
+(Borel 1998, Proc. IGARSS, 546; Borel 2008, Int. J. Remote Sensing 29, 5029). T is searched in a
+small range around the largest brightness temperature of a pixel, in ever finer steps; a wider one
+errs more (on scenes that are not charted). Exact, without noise, where the sky is all of X and e
+is a straight line.
+"""
+
+import numpy as np
+
+from .band_planck import emissivity
+
+BELOW_K, ABOVE_K = 1.0, 4.0  # of the largest brightness temperature
+STEPS_K = (0.5, 0.05, 0.005)
+PIXELS_PER_BLOCK = 2048  # so that what is worked on stays in the processor's cache
+
+
+def separate(spectra, planck, sky):
+    """T (pixels,) K and e (pixels, bands), see the package."""
+    blocks = range(0, len(spectra), PIXELS_PER_BLOCK)
+    t = np.concatenate([_smoothest(spectra[i : i + PIXELS_PER_BLOCK], planck, sky) for i in blocks])
+    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)
+
+
+def _smoothest(spectra, planck, sky):
+    t = planck.brightness_temperature(spectra).max(axis=-1)
+    below, above = BELOW_K, ABOVE_K
+    for step in STEPS_K:
+        offsets = np.arange(-below, above + step / 2, step)
+        rough = [_roughness(emissivity(spectra, t + d, planck, sky)) for d in offsets]
+        t = t + offsets[np.argmin(rough, axis=0)]
+        below = above = step
+    return t
+
+
+def _roughness(e):
+    smooth = (e[:, :-2] + e[:, 1:-1] + e[:, 2:]) / 3
+    return ((e[:, 1:-1] - smooth) ** 2).sum(axis=-1)

@@ -1,0 +1,29 @@
+"""The normalised emissivity method (NEM): in some band e reaches a value known beforehand.
+
+    R = S - (1 - e) X,   T = max over bands of B^-1(R / 0.99),   e = R / B(T)
+
+repeated from e = 0.99 until T stands; then e by Eq. 1, to which R, e and T tend. This is the NEM
+module of the ASTER algorithm (Gillespie et al. 1998, IEEE Trans. Geosci. Remote Sensing 36, 1113;
+the method: Gillespie 1985, JPL Publ. 86-38). Exact, without noise, where the sky is all of X and
+the largest e is the assumed one. ASTER goes on to the ratio and MMD modules, whose regression is
+of its own five bands.
+"""
+
+import numpy as np
+
+from .band_planck import emissivity
+
+LARGEST, ITERATIONS, TOLERANCE_K = 0.99, 12, 1e-3
+
+
+def separate(spectra, planck, sky):
+    """T (pixels,) K and e (pixels, bands), see the package."""
+    e, before = np.full(spectra.shape, LARGEST), np.inf
+    for _ in range(ITERATIONS):
+        emitted = spectra - (1 - e) * sky
+        t = planck.brightness_temperature(emitted / LARGEST).max(axis=-1)
+        e = np.clip(emitted / planck.radiance(t), 0.0, 1.0)
+        if np.abs(t - before).max() < TOLERANCE_K:
+            break
+        before = t
+    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)

@@ -1,0 +1,53 @@
+"""Eq. 6 by a bounded scipy.optimize.least_squares per pixel and material, in one thread: how the
+published MATLAB code is ported. It minimises the same J as `physics.local`."""
+
+import numpy as np
+
+from physics.bands import quadrature
+from physics.planck import radiance
+from physics.reduced import V_PRECISION
+
+SUM_WEIGHT = 1e4  # of V's sum being 1, which scipy's bounds cannot say
+
+
+def pure_hypotheses(model):
+    """The rows of a ReducedModel that are materials as such, neither sky nor partly sky."""
+    return np.flatnonzero((model.sky_share == 0) & (model.material != model.library.sky_index))
+
+
+def fit(model, spectrum, r, fwhm_um):
+    """J + occam in nats, T in K and V (k,) of a pixel (bands,) and hypothesis r.
+
+    fwhm_um (bands,) are the bands' widths: e B(T) is averaged over them as `reduce_model` does.
+    """
+    from scipy.optimize import least_squares
+
+    library, k = model.library, model.k
+    nodes = quadrature(model.wavelength_um, fwhm_um)
+    curve = np.interp(nodes, library.wavelength_um, library.emissivity[model.material[r]])
+    lit = (1 - model.emissivity[r]) * model.environment.radiance
+    scale, d = model.scale[r], model.deflate[:, r]
+    root = np.linalg.cholesky(np.diag(scale**2) - d @ d.T).T  # P = root' root
+
+    def residual(x):
+        t, v = x[0], x[1:]
+        s = (curve * radiance(nodes, t)).mean(axis=-1) + v @ lit
+        return np.concatenate([
+            root @ ((spectrum - s) / model.sigma),
+            [(t - model.prior_mean_k) / model.prior_sigma_k, SUM_WEIGHT * (v.sum() - 1)],
+            (V_PRECISION * k) ** 0.5 * (v - 1 / k),
+        ])  # fmt: skip
+
+    start = np.concatenate([[model.prior_mean_k], np.full(k, 1 / k)])
+    low, high = np.zeros(k + 1), np.ones(k + 1)
+    low[0], high[0] = model.mid_k - model.half_k, model.mid_k + model.half_k
+    best = least_squares(residual, start, bounds=(low, high))
+    return best.cost + model.occam[r], best.x[0], best.x[1:]
+
+
+def fit_all(model, spectrum, fwhm_um):
+    """Material, T in K and V (k,) of the hypothesis with the least J + occam."""
+    rows = pure_hypotheses(model)
+    fits = [fit(model, spectrum, r, fwhm_um) for r in rows]
+    best = int(np.argmin([cost for cost, _, _ in fits]))
+    return model.material[rows[best]], *fits[best][1:]

@@ -1,0 +1,95 @@
+"""Which method fits a time budget: the most accurate one that this machine runs fast enough.
+
+`methods.csv` in texnet/data, which `texnet bench chart` measured, says how accurate each method is
+at several numbers of bands: in temperature, in material and in texture, and the best is the one
+whose ranks in the three sum to the least. How fast they are depends on the machine: best first,
+the methods are run on the middle of the cube itself, until one is fast enough.
+"""
+
+import csv
+import math
+import time
+from importlib.resources import files
+
+from physics.errors import InputError
+from physics.estimate import estimate_environment
+from physics.heat_cube import HeatCube
+
+from .pipeline import decompose
+
+ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
+CHART = files("texnet") / "data" / "methods.csv"
+# pixels on a side that a method is first run on, to load and compile, and then timed on; with 256
+# what is foreseen comes within some 10 % of what large cubes take
+WARM, CROP = 64, 256
+
+
+def choose(cube, library, k, budget, model_of, progress=None):
+    """The most accurate method within a budget -> its name, the seconds per megapixel foreseen.
+
+    k         objects of the environment, or "auto"
+    budget    seconds per megapixel
+    model_of  a method's name -> its model, as `decompose` takes it
+    progress  as `decompose` takes it
+
+    Raises InputError with what the fastest takes if none fits.
+    """
+    cube = cube.with_netd()
+    if k == "auto":
+        from physics.support import supported_count  # numba takes a second to load
+
+        k = supported_count(cube, library)
+    for _ in range(2):  # the first time loads
+        start = time.perf_counter()
+        environment = estimate_environment(cube, library, k)
+        once = (time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
+
+    def seconds(method):
+        model = model_of(method)
+        for side in (WARM, CROP):
+            part = middle(cube, side)
+            start = time.perf_counter()
+            decompose(
+                part, library, method=method, environment=environment, model=model,
+                progress=progress,
+            )  # fmt: skip
+            took = time.perf_counter() - start
+        return 1e6 * (once + took / (part.shape[0] * part.shape[1]))
+
+    return first_within(budget, best_first(cube.bands), seconds)
+
+
+def best_first(bands):
+    """Names of methods, the most accurate first, by the chart at the nearest number of bands."""
+    lines = CHART.read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    charted = {int(r["bands"]) for r in rows}
+    nearest = min(charted, key=lambda n: abs(math.log(n / bands)))
+    of = [r for r in rows if int(r["bands"]) == nearest]
+    ranks = dict.fromkeys((r["method"] for r in of), 0)
+    for name, more_is_better in ERRORS.items():
+        ordered = sorted(of, key=lambda r, name=name: float(r[name]), reverse=more_is_better)
+        for rank, r in enumerate(ordered):
+            ranks[r["method"]] += rank
+    return sorted(ranks, key=ranks.get)
+
+
+def first_within(budget, methods, seconds):
+    """The first of methods with seconds(method) <= budget, and these seconds; else InputError."""
+    took = {}
+    for method in methods:
+        took[method] = seconds(method)
+        if took[method] <= budget:
+            return method, took[method]
+    fastest = min(took, key=took.get)
+    raise InputError(
+        f"--budget: no method takes {budget:g} s per megapixel or less on this cube and machine; "
+        f"the fastest, {fastest}, takes {took[fastest]:.1f}."
+    )
+
+
+def middle(cube, side):
+    """The middle of a HeatCube, at most side x side pixels."""
+    top, left = (max(0, (n - side) // 2) for n in cube.shape)
+    part = cube.radiance[:, top : top + side, left : left + side]
+    return HeatCube(part, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
