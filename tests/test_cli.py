@@ -157,6 +157,29 @@ def test_library(capfd):
     assert "no material 'cheese'" in refused(capfd, "library", "show", "cheese")
 
 
+def test_bands_then_simulate(capfd, tmp_path):
+    file, cube, mine = tmp_path / "filters.json", tmp_path / "night.npz", tmp_path / "mine.json"
+    MaterialLibrary.starter().subset(["water", "granite", "sky"]).save(mine)
+    code, out, err = run(capfd, "bands", "--n", 3, "--library", mine, "--out", file, "--json")
+    assert code == 0, err
+    made = last_json(out)
+    assert made["designed"]["loss"] <= made["equidistant"]["loss"]
+    code, out, err = run(
+        capfd, "simulate", "forest", "--bands", file, "--out", cube, "--size", "8x9", "--spp", 2
+    )
+    assert code == 0, err
+    np.testing.assert_allclose(read_cube(cube).wavelength_um, made["designed"]["wavelength_um"])
+    np.testing.assert_allclose(read_cube(cube).fwhm_um, made["designed"]["fwhm_um"])
+
+    simulate = ("simulate", "forest", "--out", cube, "--bands")
+    assert "cannot read" in refused(capfd, *simulate, tmp_path / "gone.json")
+    for text in ("[1]", "{", '{"wavelength_um": [9]}', '{"wavelength_um": 9, "fwhm_um": "x"}'):
+        file.write_text(text)
+        assert "wavelength_um and fwhm_um" in refused(capfd, *simulate, file)
+    file.write_text('{"wavelength_um": [9, 10], "fwhm_um": [1]}')
+    assert "one width" in refused(capfd, *simulate, file)
+
+
 def test_ctrl_c(capfd, tmp_path, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
