@@ -180,6 +180,24 @@ def library_import(args):
     }  # fmt: skip
 
 
+def library_from_cube(args):
+    from physics.blind import library_from_cube
+    from physics.whole_file import check_writable
+
+    from .cube_io import read_cube
+    from .progress import progress_bar
+
+    check_writable(args.out)
+    cube = read_cube(args.cube)
+    with progress_bar() as report:
+        library, note = library_from_cube(cube, args.materials, progress=report)
+    library.save(args.out)
+    return f"{args.cube}: {note}\n{args.out}: {', '.join(library.names)}.", {
+        "command": "library from-cube", "library": args.out, "note": note,
+        "materials": library.names, "wavelength_um": library.wavelength_um,
+    }  # fmt: skip
+
+
 # --- training ----------------------------------------------------------------------------
 
 
@@ -466,7 +484,7 @@ def _parser():
     p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
 
     p = add(commands, "bands", bands, "which N filters tell materials and temperatures best")
-    p.add_argument("--n", metavar="N", type=_integer(2, 16), required=True, help="2-16")
+    p.add_argument("--n", metavar="N", type=_integer(4, 16), required=True, help="4-16")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument("--out", metavar="FILE", type=Path, help="JSON, for simulate --bands")
 
@@ -561,6 +579,14 @@ def _parser():
     )  # fmt: skip
     p.add_argument("--names", metavar="FILE", type=Path, help=".mat: text, one name a line")
     p.add_argument("--sky", metavar="NAME", help="the material that is the sky, if none is 'sky'")
+
+    p = add(actions, "from-cube", library_from_cube, "a library from a cube with sky in view alone")
+    p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz, 20 bands or more")
+    p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
+    p.add_argument(
+        "--materials", metavar="N", type=_integer(1, 30),
+        help="beside the sky; default: as many as its pixels need",
+    )  # fmt: skip
     return parser
 
 
