@@ -17,8 +17,10 @@ bands        bands of finite width
 reduced      the forward model in r dimensions, and the evidence
 unbounded    Eq. 6 without V's bounds: fast, and nearly a lower bound
 local        Eq. 6 exactly, pixel by pixel
+blind        a library from the cube alone
 semiglobal   Eq. 6 with smoothness of T and m
 identifiability  Fisher information and the Cramer-Rao bound
+filters      which bands tell materials and temperatures best
 known        what the network is told of a scene
 evidence     every material's evidence at once, by Gaussian priors
 refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses

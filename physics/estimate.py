@@ -62,7 +62,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     spectra = cube.pixels(pick) / cube.sigma
     row = pick // cube.shape[1] / cube.shape[0]
 
-    sky = _sky_pixels(cube, library, spectra, row, seed)
+    sky = sky_pixels(cube, library, spectra, row, seed)
     sky_fields = {}
     if sky.any():
         mean = spectra[sky].mean(axis=0)
@@ -98,7 +98,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     )  # fmt: skip
 
 
-def _sky_pixels(cube, library, spectra, row, seed):
+def sky_pixels(cube, library, spectra, row, seed):
     """(n,) which of the whitened spectra belong to clusters of sky."""
     sky = np.zeros(len(spectra), bool)
     if library.sky_index is None:

@@ -157,6 +157,50 @@ def test_library(capfd):
     assert "no material 'cheese'" in refused(capfd, "library", "show", "cheese")
 
 
+def test_bands_then_simulate(capfd, tmp_path):
+    file, cube, mine = tmp_path / "filters.json", tmp_path / "night.npz", tmp_path / "mine.json"
+    MaterialLibrary.starter().subset(["water", "granite", "sky"]).save(mine)
+    code, out, err = run(capfd, "bands", "--n", 4, "--library", mine, "--out", file, "--json")
+    assert code == 0, err
+    made = last_json(out)
+    assert made["designed"]["loss"] <= made["equidistant"]["loss"]
+    code, out, err = run(
+        capfd, "simulate", "forest", "--bands", file, "--out", cube, "--size", "8x9", "--spp", 2
+    )
+    assert code == 0, err
+    np.testing.assert_allclose(read_cube(cube).wavelength_um, made["designed"]["wavelength_um"])
+    np.testing.assert_allclose(read_cube(cube).fwhm_um, made["designed"]["fwhm_um"])
+
+    simulate = ("simulate", "forest", "--out", cube, "--bands")
+    assert "cannot read" in refused(capfd, *simulate, tmp_path / "gone.json")
+    for text in ("[1]", "{", '{"wavelength_um": [9]}', '{"wavelength_um": 9, "fwhm_um": "x"}'):
+        file.write_text(text)
+        assert "wavelength_um and fwhm_um" in refused(capfd, *simulate, file)
+    file.write_text('{"wavelength_um": [9, 10], "fwhm_um": [1]}')
+    assert "one width" in refused(capfd, *simulate, file)
+
+
+def test_library_from_cube(capfd, tmp_path):
+    import test_blind
+
+    cube, library = tmp_path / "night.npz", tmp_path / "mine.json"
+    write_cube(test_blind.make(netd_k=0.05)[0], cube)
+    code, out, err = run(
+        capfd, "library", "from-cube", cube, "--out", library, "--materials", 3, "--json"
+    )
+    assert code == 0, err
+    made = last_json(out)
+    assert made["materials"] == ["sky", "material_1", "material_2", "material_3"]
+    assert "0.96" in made["note"]
+    assert MaterialLibrary.load(library).names == tuple(made["materials"])
+    words = ["decompose", cube, "--library", library, "--out", tmp_path / "out", "--json"]
+    code, out, err = run(capfd, *words)
+    assert code == 0 and set(last_json(out)["materials"]) <= set(made["materials"])
+    assert "--materials" in refused(
+        capfd, "library", "from-cube", cube, "--out", library, "--materials", 0
+    )
+
+
 def test_ctrl_c(capfd, tmp_path, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt

@@ -73,13 +73,15 @@ def simulate(args):
     from physics.simulator.scene_file import load_scene
     from physics.simulator.sensor import equidistant_bands
 
+    from .band_file import read_bands
     from .cube_io import check_cube_path, write_cube
     from .progress import progress_bar
 
     check_cube_path(args.out)
+    named = isinstance(args.bands, Path)
+    wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
     is_file = Path(args.scene).suffix == ".json"
     scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)
-    wavelength_um, fwhm_um = equidistant_bands(args.bands)
     with progress_bar() as report:
         cube, truth = trace(
             scene, wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=args.size, spp=args.spp,
@@ -99,6 +101,40 @@ def simulate(args):
         "seed": args.seed,
     }  # fmt: skip
     return text, result
+
+
+def bands(args):
+    from physics.filters import HIGH_UM, LOW_UM, design_filters, rate_filters
+    from physics.library import MaterialLibrary
+    from physics.simulator.sensor import equidistant_bands
+    from physics.whole_file import check_writable
+
+    from .band_file import write_bands
+    from .progress import progress_bar
+
+    if args.out is not None:
+        check_writable(args.out)
+    library = _starter() if args.library is None else MaterialLibrary.load(args.library)
+    with progress_bar() as report:
+        best = design_filters(library, args.n, progress=report)
+    centres, width = equidistant_bands(args.n, LOW_UM, HIGH_UM)
+    equidistant = rate_filters(library, centres, float(width[0]))
+    if args.out is not None:
+        write_bands(args.out, best.wavelength_um, best.fwhm_um)
+    lines = ["centre (um)  width (um)"]
+    lines += [f"{c:11.2f}  {w:10.2f}" for c, w in zip(*best[:2], strict=True)]
+    lines.append(f"{'':22s} material (nats)  sigma of T (K)  loss (nats)  NETD (mK)")
+    lines += [
+        f"{name:22s} {f.material_loss:15.3f}  {f.temperature_k:14.2f}  {f.loss:11.3f}  "
+        f"{1e3 * f.netd_k:9.0f}"
+        for name, f in (("these", best), (f"{args.n} side by side", equidistant))
+    ]
+    if args.out is not None:
+        lines.append(f"{args.out}: for simulate --bands, with --netd {best.netd_k:.3g}.")
+    return "\n".join(lines), {
+        "command": "bands", "file": args.out, "designed": best._asdict(),
+        "equidistant": equidistant._asdict(),
+    }  # fmt: skip
 
 
 def library_list(args):
@@ -144,6 +180,24 @@ def library_import(args):
     library.save(args.out)
     return f"{note}\n{args.out}: {', '.join(library.names)}.", {
         "command": "library import", "library": args.out, "note": note,
+        "materials": library.names, "wavelength_um": library.wavelength_um,
+    }  # fmt: skip
+
+
+def library_from_cube(args):
+    from physics.blind import library_from_cube
+    from physics.whole_file import check_writable
+
+    from .cube_io import read_cube
+    from .progress import progress_bar
+
+    check_writable(args.out)
+    cube = read_cube(args.cube)
+    with progress_bar() as report:
+        library, note = library_from_cube(cube, args.materials, progress=report)
+    library.save(args.out)
+    return f"{args.cube}: {note}\n{args.out}: {', '.join(library.names)}.", {
+        "command": "library from-cube", "library": args.out, "note": note,
         "materials": library.names, "wavelength_um": library.wavelength_um,
     }  # fmt: skip
 
@@ -479,7 +533,10 @@ def _parser():
     p = add(commands, "simulate", simulate, "path-trace a cube, its truth beside it")
     p.add_argument("scene", metavar="SCENE", help="name of a preset, or a .json scene file")
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
-    p.add_argument("--bands", metavar="N", type=_integer(1, 1000), default=54, help="default: 54")
+    p.add_argument(
+        "--bands", metavar="N|FILE", type=_bands, default=54,
+        help="how many, side by side, or a .json file as of bands, default: 54",
+    )  # fmt: skip
     p.add_argument(
         "--size", metavar="HxW", type=_size, default=(256, 384), help="pixels, default: 256x384"
     )
@@ -492,6 +549,11 @@ def _parser():
         help="sensor noise in K at 300 K, 0 for none, default: 0.05",
     )  # fmt: skip
     p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
+
+    p = add(commands, "bands", bands, "which N filters tell materials and temperatures best")
+    p.add_argument("--n", metavar="N", type=_integer(4, 16), required=True, help="4-16")
+    p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
+    p.add_argument("--out", metavar="FILE", type=Path, help="JSON, for simulate --bands")
 
     p = add(commands, "decompose", decompose, "decompose a cube into TeX")
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz")
@@ -602,6 +664,14 @@ def _parser():
     )  # fmt: skip
     p.add_argument("--names", metavar="FILE", type=Path, help=".mat: text, one name a line")
     p.add_argument("--sky", metavar="NAME", help="the material that is the sky, if none is 'sky'")
+
+    p = add(actions, "from-cube", library_from_cube, "a library from a cube with sky in view alone")
+    p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz, 20 bands or more")
+    p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
+    p.add_argument(
+        "--materials", metavar="N", type=_integer(1, 30),
+        help="beside the sky; default: as many as its pixels need",
+    )  # fmt: skip
     return parser
 
 
@@ -616,6 +686,10 @@ def _integer(low, high):
 
 def _count(text):
     return text if text == "auto" else _integer(1, 10)(text)
+
+
+def _bands(text):
+    return Path(text) if Path(text).suffix == ".json" else _integer(1, 1000)(text)
 
 
 def _size(text):

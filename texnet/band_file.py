@@ -1,0 +1,29 @@
+"""Bands on disk, as JSON: {"wavelength_um": [centres], "fwhm_um": [widths]}, both in um."""
+
+import json
+
+import numpy as np
+
+from physics.errors import InputError
+from physics.whole_file import whole_file
+
+
+def read_bands(path):
+    """Centres and widths, each (bands,) um; InputError says what is wrong with the file."""
+    try:
+        with open(path, encoding="utf-8") as f:
+            data = json.load(f)
+        return tuple(np.array(data[key], np.float64) for key in ("wavelength_um", "fwhm_um"))
+    except OSError as e:
+        raise InputError(f"bands: cannot read {path}: {e.strerror}.") from e
+    except (KeyError, TypeError, ValueError) as e:
+        raise InputError(
+            f"bands: {path} must be JSON with lists wavelength_um and fwhm_um, in um."
+        ) from e
+
+
+def write_bands(path, wavelength_um, fwhm_um):
+    """Write centres and widths (bands,), um, whole or not at all."""
+    data = {"wavelength_um": list(wavelength_um), "fwhm_um": list(fwhm_um)}
+    with whole_file(path) as part:
+        part.write_text(json.dumps(data) + "\n", encoding="utf-8")
