@@ -9,7 +9,7 @@ from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine, unsmoothed
 from physics.tiles import TILE_BYTES, run_tiled
 
-from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
+from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OTHER_K, OWN_PROBABILITY, RIM_NATS
 
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
@@ -73,10 +73,12 @@ def _maps(radiance, library, environment, model, local, answer):
         t[sky], own_sigma[sky] = _temperature_at_sky(spectra, library, model, local, state, sky)
     # doubt about m widens sigma of T: variance of the mixture about the answer
     variance = (probability * (local.sigma_k**2 + (local.temperature_k - t[:, None]) ** 2)).sum(1)
-    sigma = np.where(sky, own_sigma, np.sqrt(np.maximum(variance, own_sigma**2)))
+    p = np.arange(len(t))
+    doubt = OTHER_K**2 * (1 - probability[p, state.material])
+    sigma = np.sqrt(np.maximum(variance, own_sigma**2) + doubt)
+    sigma = np.where(sky, own_sigma, sigma)
     # chi^2 far beyond its spread; or no material likelier than not; or the pixel's own
     # evidence against what its neighbours made of it
-    p = np.arange(len(t))
     own = np.exp(local.energy.min(axis=1) - local.energy[p, state.material])
     own /= np.exp(local.energy.min(axis=1, keepdims=True) - local.energy).sum(axis=1)
     unknown = residual**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / bands)

@@ -31,7 +31,7 @@ from physics.refinement import (
     refine,
 )  # fmt: skip
 
-from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OWN_PROBABILITY, RIM_NATS
+from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OTHER_K, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # refined per pixel
@@ -115,7 +115,9 @@ class TeXModel(nn.Module):
         v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
         weight = torch.softmax(solid, dim=0)
         doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
-        sigma = torch.maximum(sigma**2, doubt).sqrt() * known.prior_k[1]
+        of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
+        variance = torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
+        sigma = (variance + OTHER_K**2 * (1 - of_m(p)).clamp(min=0)).sqrt()
         temperature = known.prior_k[0] + known.prior_k[1] * t
         # the air is as warm as its opaque bands look
         temperature = torch.where(empty, air, temperature)
@@ -127,7 +129,6 @@ class TeXModel(nn.Module):
         off = deviations(h, z, x, hot, t, v)
         texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
         visible = (~empty).float()
-        of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
         bands = radiance.shape[0]
         unknown = (misfit**2 > 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) & ~empty
         unknown = unknown | (of_m(p) < 0.5) | (of_m(torch.softmax(own, 0)) < OWN_PROBABILITY)
