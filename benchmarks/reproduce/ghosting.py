@@ -65,13 +65,11 @@ class Exposure:
 def reproduce(out, full, progress):
     """ghosting.csv and ghosting.png in the folder out."""
     size = FULL_SIZE if full else SIZE
-    rows, pictures = [], {}
+    rows, pictures, patches = [], {}, preset("patches", common.SEED)
     for name in X_M:
-        report = common.stage(progress, f"simulate {name}")
-        first, second = (
-            expose(close_up(name), size, SPP, common.SEED + i, report) for i in range(2)
-        )
-        rows.append(measure(name, first, second))
+        report, scene = common.stage(progress, f"simulate {name}"), close_up(patches, name)
+        first, second = (expose(scene, size, SPP, common.SEED + i, report) for i in range(2))
+        rows.append(measure(scene, name, first, second))
         pictures[name] = first
     write_csv(out / "ghosting.csv", rows)
     _draw(rows, pictures, out / "ghosting.png")
@@ -83,12 +81,10 @@ def reproduce(out, full, progress):
     return "\n".join(lines), {"rows": rows}
 
 
-def close_up(name):
+def close_up(patches, name):
     """The preset `patches` with its camera close to one patch, which fills the picture."""
     x = X_M[name]
-    return replace(
-        preset("patches", common.SEED), camera=Camera((x, -0.6, 2.3), (x, 2.6, 0.05), 15)
-    )
+    return replace(patches, camera=Camera((x, -0.6, 2.3), (x, 2.6, 0.05), 15))
 
 
 def expose(scene, size, spp, seed, progress=None):
@@ -119,9 +115,9 @@ def rms_contrast(first, second):
     return float(np.sqrt(max(covariance, 0)) / np.mean([first, second]))
 
 
-def measure(name, first, second):
-    """The row of a material from two exposures of it."""
-    library, scene = MaterialLibrary.starter(), close_up(name)
+def measure(scene, name, first, second):
+    """The row of a material from two exposures of it in a scene."""
+    library = MaterialLibrary.starter()
     m = library.index(name)
     (t,) = {float(t) for o in scene.objects if o.material == name for t in o.temperature_k}
     visible = rms_contrast(first.visible, second.visible)

@@ -49,7 +49,7 @@ def reproduce(out, full, progress):
     cube, truth = common.night("forest", full, progress)
     library = common.scene_library(truth)
     pixels = {name: inmost(truth, name) for name in MARKED}
-    rows = residuals(cube, truth, library, pixels)
+    rows = residuals(cube, library, pixels)
     write_csv(out / "sgd-flow.csv", rows)
     _draw(cube, truth, library, pixels, rows, out / "sgd-flow.png")
     best = {name: _best(rows, name) for name in MARKED}
@@ -68,7 +68,7 @@ def inmost(truth, name):
     ))  # fmt: skip
 
 
-def residuals(cube, truth, library, pixels):
+def residuals(cube, library, pixels):
     """Rows, see the module, of pixels {truth: (row, column)}."""
     seen = estimate_environment(cube, library, K)
     # nothing but the k spectra, so that the solver's cost is the residual's square
