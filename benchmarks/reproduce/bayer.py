@@ -72,7 +72,7 @@ def _scene(name, scene_seed, shape, spp):
             )  # fmt: skip
             if label in (MANY, FOUR, MOSAIC):
                 pictures[method, label] = answer, rows[-1]
-    return rows, (pictures, truths[MANY], library)
+    return rows, (pictures, truths[MANY])
 
 
 def decompose_by(method, cube, library):

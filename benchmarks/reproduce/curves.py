@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.rows import write_csv
 from physics.simulator.sensor import equidistant_bands
-from physics.whole_file import whole_file
 
+from .common import BLACK, BLUE, ORANGE, SKY_BLUE, VERMILLION, save
 from .errors import (
     ERRORS,
     LOCAL,
@@ -30,12 +30,12 @@ TITLES = (
     "cross entropy of m\n(nats)", "mean square error of T\n(K²)",
     "mean square error of X per band\n((W/m²/sr/µm)²)",
 )  # fmt: skip
-STYLE = {  # Okabe and Ito's colours; every line has a marker and dashes of its own
-    PAPER: dict(color="#D55E00", marker="s", linestyle="--"),
-    OURS: dict(color="#0072B2", marker="o", linestyle="-"),
-    LOCAL: dict(color="#56B4E9", marker="D", linestyle="-.", linewidth=0.9, markersize=3.5),
-    PAPER_BOUND: dict(color="#E69F00", marker="v", linestyle=":", markersize=4),
-    OUR_BOUND: dict(color="black", marker="^", linestyle=":", markersize=4),
+STYLE = {  # a marker and dashes for every line
+    PAPER: dict(color=VERMILLION, marker="s", linestyle="--"),
+    OURS: dict(color=BLUE, marker="o", linestyle="-"),
+    LOCAL: dict(color=SKY_BLUE, marker="D", linestyle="-.", linewidth=0.9, markersize=3.5),
+    PAPER_BOUND: dict(color=ORANGE, marker="v", linestyle=":", markersize=4),
+    OUR_BOUND: dict(color=BLACK, marker="^", linestyle=":", markersize=4),
 }
 FINE_BANDS = 100  # rendered, narrow and equidistant over 8-14 um
 
@@ -131,8 +131,7 @@ def draw(rows, x, label, path):
         bottom.set_xlabel(label)
     figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=5,
                   frameon=False)  # fmt: skip
-    with whole_file(path) as part:
-        figure.savefig(part)
+    save(figure, path)
 
 
 def _curve(axis, rows, x, error, method, style):

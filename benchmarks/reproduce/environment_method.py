@@ -51,7 +51,7 @@ def reproduce(out, full, progress):
                 pictures[method, variant] = answer, rows[-1]
             for method, environment in ((PAPER_BOUND, theirs), (OUR_BOUND, ours)):
                 rows.append(where | dict(method=method) | bounds(cube, truth, environment))
-        shown = shown or (pictures, truth, library)
+        shown = shown or (pictures, truth)
     write_csv(out / "environment_method.csv", rows)
     draw(*shown, out / "environment_method.png")
     lines = [
