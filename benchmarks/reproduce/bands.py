@@ -6,7 +6,7 @@ the sensor (50 mK in every band, however few), are decomposed with k = 5 objects
 
 from .curves import publish, sweep
 
-BANDS, K = (2, 3, 4, 6, 9, 14, 25, 50, 100), 5
+BANDS, K = (2, 3, 4, 6, 9, 14, 20, 33, 54, 100), 5
 
 
 def reproduce(out, full, progress):

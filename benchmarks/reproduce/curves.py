@@ -37,6 +37,7 @@ STYLE = {  # a marker and dashes for every line
     PAPER_BOUND: dict(color=ORANGE, marker="v", linestyle=":", markersize=4),
     OUR_BOUND: dict(color=BLACK, marker="^", linestyle=":", markersize=4),
 }
+TICKS = {"bands": (2, 5, 10, 20, 50, 100), "k": (1, 2, 4, 6, 8, 10, 12)}
 FINE_BANDS = 100  # rendered, narrow and equidistant over 8-14 um
 
 
@@ -122,9 +123,9 @@ def draw(rows, x, label, path):
                 _curve(axis, of_method, x, error, method, style)
             axis.set_yscale("log")
             if x == "bands":
-                axis.set(xscale="log", xticks=[2, 5, 10, 20, 50, 100])
-                axis.xaxis.set_major_formatter("{x:.0f}")
-                axis.minorticks_off()
+                axis.set_xscale("log")
+            axis.set_xticks(TICKS[x], TICKS[x])
+            axis.minorticks_off()
             axis.grid(alpha=0.25)
     for top, bottom, title in zip(axes[0], axes[-1], TITLES, strict=True):
         top.set_title(title, fontsize=10)

@@ -128,6 +128,6 @@ def verdict(rows, x):
                 by = f"{pair[OURS][e] / pair[PAPER][e] - 1:.0%}"
                 worse.setdefault(f"{e} of {scene}", []).append(f"{x} = {n} (by {by})")
     if not worse:
-        return f"net+sgd is below the paper's method in every scene, at every {x}."
+        return f"net+sgd is below the paper's method in every scene, for every value of {x}."
     said = (f"{what} at {', '.join(where)}" for what, where in worse.items())
     return "net+sgd is above the paper's method in " + "; ".join(said) + "; below elsewhere."
