@@ -1,0 +1,114 @@
+"""The paper's TeX-SGD as it is written, a peer: least squares and smoothness, nothing else.
+
+    Eq. 5  S_1 ... S_k   the centres of K-means over all the cube's pixels
+    Eq. 6  T, V          of every material minimise |S~ - S|^2, V on the simplex
+           m             is the material of least residual, the sky one like the others
+    then   the same sum with a penalty on jumps of T and m between neighbours
+
+It runs on the project's own solvers with all taken out that the paper lacks: no evidence but
+the residual, no extrapolated sky, no deviations of the surroundings, no pixels at the sky's
+edge, no shares of materials. The paper leaves open how residuals become the probabilities of
+its cross entropy: here they are those of white noise as strong as the typical residual of the
+best material, so that what the k objects leave unexplained makes no answer too sure.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from sklearn.cluster import KMeans
+
+from physics.environment import Environment
+from physics.eq1 import physics_loss
+from physics.library import SKY
+from physics.local import solve_local
+from physics.reduced import V_PRECISION, reduce_model
+from physics.semiglobal import Objective, refine
+from texnet.pipeline import Decomposition
+
+# of the solvers' priors: so little that it matters only where nothing else says anything
+LEFT_OF_V_PRIOR, PRIOR_SIGMA_K = 1e-4, 1e3
+
+
+def kmeans_environment(cube, k, seed=0):
+    """The k centres of K-means over all pixels of a HeatCube, as Environment."""
+    fit = KMeans(k, n_init=3, random_state=seed).fit(cube.spectra.astype(np.float64))
+    return Environment(fit.cluster_centers_, cube.wavelength_um)
+
+
+def halves_environment(cube):
+    """The means of the upper and the lower half, as Environment; the upper one is the sky."""
+    half = cube.shape[0] // 2
+    parts = cube.radiance[:, :half], cube.radiance[:, half:]
+    means = np.stack([p.mean(axis=(1, 2), dtype=float) for p in parts])
+    return Environment(means, cube.wavelength_um, sky=(0,))
+
+
+def paper_decompose(cube, library, environment):
+    """Eq. 6 for a HeatCube -> Decomposition; unknown is nowhere True.
+
+    Where the environment does not say which objects stand for the sky, they are those whose
+    nearest pixels mostly came out as sky; only the sky-lit texture depends on it.
+    """
+    # under another name the sky is a material like the others
+    plain = replace(library, names=[n.replace(SKY, "the sky") for n in library.names])
+    objective = _objective(cube, plain, environment)
+    misfit = _misfit(cube, objective, objective.unsmoothed(objective.local_state()).state)
+    loud = replace(cube, netd_k=cube.netd_k * max(1.0, float(np.median(misfit))))
+    objective = _objective(loud, plain, environment)
+    answer = refine(objective, objective.local_state())
+
+    state, radiance = answer.state, environment.radiance
+    is_sky = state.material == (-1 if library.sky_index is None else library.sky_index)
+    objects = environment.sky or _sky_objects(cube.spectra, radiance, is_sky)
+    lighting = state.thermal_lighting
+    of_sky = lighting[:, list(objects)] @ radiance[list(objects)].mean(axis=1)
+    maps = lambda a, dtype=np.float32: np.asarray(a, dtype).reshape(*a.shape[:-1], *cube.shape)  # noqa: E731
+    return Decomposition(
+        temperature_k=maps(state.temperature_k),
+        material=maps(state.material, np.int16),
+        material_names=library.names,
+        thermal_lighting=maps(lighting.T),
+        environment=radiance,
+        sky=objects,
+        texture=maps(radiance.T @ lighting.T),
+        sky_texture=maps(of_sky),
+        residual=maps(_misfit(cube, objective, state)),
+        temperature_sigma_k=maps(answer.sigma_k),
+        material_probability=maps(answer.probability.T),
+        unknown=np.zeros(cube.shape, bool),
+        wavelength_um=cube.wavelength_um,
+        hue_deg=library.hue_deg,
+        netd_k=cube.netd_k,
+        objective=answer.objective,
+    )
+
+
+def _objective(cube, library, environment):
+    """Eq. 6 with smoothness of T and m, after the exact fit of every pixel and material."""
+    model = reduce_model(cube, library, environment)
+    gram, v = model.gram.copy(), np.arange(model.terms, model.terms + model.k)
+    gram[:, v, v] -= (1 - LEFT_OF_V_PRIOR) * V_PRECISION * model.k
+    model = replace(
+        model, gram=gram, offset=LEFT_OF_V_PRIOR * model.offset,
+        occam=np.zeros_like(model.occam), prior_sigma_k=PRIOR_SIGMA_K,
+    )  # fmt: skip
+    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
+    objective.log_share[:], objective.unary = 0.0, objective.local.energy
+    return objective
+
+
+def _misfit(cube, objective, state):
+    """(P,) root mean square of S~ - S in noise units."""
+    model = objective.model
+    return np.sqrt(physics_loss(
+        cube.spectra, state.temperature_k, model.emissivity[state.row], state.thermal_lighting,
+        model.environment.radiance, model.wavelength_um, cube.netd_k,
+    ))  # fmt: skip
+
+
+def _sky_objects(spectra, radiance, is_sky):
+    """Indices of the objects whose nearest pixels mostly are sky."""
+    distance = [((spectra - s) ** 2).sum(axis=1) for s in radiance]
+    nearest, k = np.argmin(distance, axis=0), len(radiance)
+    pixels, of_sky = np.bincount(nearest, minlength=k), np.bincount(nearest[is_sky], minlength=k)
+    return tuple(np.flatnonzero(2 * of_sky > pixels).tolist())

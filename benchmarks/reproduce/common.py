@@ -1,0 +1,107 @@
+"""What the figures made of pictures share: the night scenes, and panels with numbers below.
+
+Curves take the colours of Okabe and Ito (2008), which the colour-blind can tell apart, and each
+a marker or a line style of its own besides.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.image import imsave
+
+from physics.library import MaterialLibrary
+from physics.simulator import simulate
+from physics.simulator.presets import preset
+from physics.simulator.sensor import equidistant_bands
+from physics.whole_file import whole_file
+from texnet.vision import tex_vision
+
+SIZE, FULL_SIZE = (256, 384), (1080, 1920)  # pixels; the second is the published one
+BANDS, SPP, SEED, NETD_K = 54, 64, 7, 0.05
+BLACK, ORANGE, SKY_BLUE, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+)  # fmt: skip
+NOTHING = "#cfe0f0"  # where a picture has no value, as in the sky
+WIDTH_INCHES, DPI, TEXT = 10.0, 100, 10  # 1000 pixels wide, text legible a little smaller
+
+
+def night(name, full=False, progress=None, *, size=None, bands=BANDS, spp=SPP, exposure=0):
+    """(HeatCube, Truth) of a preset at seed 7, of size (height, width) or the one for full.
+
+    exposure  another number, another draw of light paths and noise; the scene stays
+    """
+    size = size or (FULL_SIZE if full else SIZE)
+    wavelength_um, fwhm_um = equidistant_bands(bands)
+    return simulate(
+        preset(name, SEED), wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=size, spp=spp,
+        netd_k=NETD_K, seed=SEED + exposure, progress=stage(progress, f"simulate {name}"),
+    )  # fmt: skip
+
+
+def stage(progress, what):
+    """progress(done, total, what) as a progress(done, total), or None."""
+    return progress and (lambda done, total: progress(done, total, what))
+
+
+def scene_library(truth):
+    """The starter library of no more than the materials in a Truth."""
+    return MaterialLibrary.starter().subset(
+        [truth.material_names[m] for m in np.unique(truth.material)]
+    )
+
+
+def true_vision(truth):
+    """The TeX vision of a Truth, whose materials are the starter library's: (H, W, 3) uint8."""
+    starter = MaterialLibrary.starter()
+    hue_deg = starter.hue_deg[[starter.index(name) for name in truth.material_names]]
+    return tex_vision(SimpleNamespace(**vars(truth), hue_deg=hue_deg))
+
+
+def panels(rows, columns, shape, more_inches=0.0):
+    """(Figure, axes (rows, columns)) for pictures of shape (height, width), captions below.
+
+    more_inches  of height per row, for captions of more than one line
+    """
+    height = WIDTH_INCHES / columns * shape[0] / shape[1] + 0.6 + more_inches
+    fig = Figure(figsize=(WIDTH_INCHES, rows * height), dpi=DPI, layout="constrained")
+    return fig, fig.subplots(rows, columns, squeeze=False)
+
+
+def show(ax, picture, title, caption="", cmap="gray", norm=None, unit=None):
+    """A picture with its title above and what was measured below.
+
+    norm  matplotlib's, of the colour map; None: `between` the values of this picture
+    unit  of the values; given, a colour bar says it
+    """
+    ax.set_title(title, fontsize=TEXT)
+    ax.set_xlabel(caption, fontsize=TEXT)
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.set_facecolor(NOTHING)
+    if picture.ndim == 3:
+        ax.imshow(picture)
+        return
+    image = ax.imshow(picture, cmap=cmap, norm=norm or between(picture))
+    if unit is not None:
+        bar = ax.figure.colorbar(image, ax=ax, location="bottom", shrink=0.9, pad=0.02, aspect=30)
+        bar.set_label(unit, fontsize=TEXT - 1)
+        bar.ax.tick_params(labelsize=TEXT - 1)
+
+
+def between(*pictures):
+    """The linear norm that spans all but the outermost 2 % of the finite values."""
+    values = np.concatenate([np.ravel(p) for p in pictures])
+    return Normalize(*np.percentile(values[np.isfinite(values)], [1, 99]))
+
+
+def save(fig, path):
+    """Write a figure as a PNG with 32 levels a channel: half the size, and no hue is changed."""
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    rgb = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
+    rgb = np.minimum((rgb + 4) // 8 * 8, 255).astype(np.uint8)
+    with whole_file(path) as part:
+        imsave(part, rgb, pil_kwargs={"optimize": True})
