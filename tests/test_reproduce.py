@@ -233,15 +233,22 @@ def test_true_tex_vision_has_the_hues_of_the_true_materials(forest):
     assert (water.argmax(axis=1) == 2).all()
 
 
-def test_a_saved_figure_keeps_its_colours(tmp_path):
+def drawn(picture, path, **how):
+    """(height, width, 3) 0..255 of a file with nothing but a picture in it."""
     fig, axes = common.panels(1, 1, SIZE)
-    axes[0, 0].set_position((0, 0, 1, 1))
+    common.show(axes[0, 0], picture, "")
+    common.save(fig, path, **how)
+    return np.rint(255 * matplotlib.image.imread(path)[..., :3])
+
+
+def test_a_saved_figure_keeps_its_colours_or_every_grey(tmp_path):
     colours = np.array([[[200, 40, 90]], [[17, 250, 128]]], np.uint8)
-    common.show(axes[0, 0], colours, "")
-    common.save(fig, tmp_path / "a.png")
-    drawn = np.rint(255 * matplotlib.image.imread(tmp_path / "a.png")[..., :3])
+    seen = drawn(colours, tmp_path / "colours.png")
     for colour in colours[:, 0]:
-        assert (np.abs(drawn - colour).max(axis=-1) <= 4).mean() > 0.1
+        assert (np.abs(seen - colour).max(axis=-1) <= 4).mean() > 0.1
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    seen = drawn(ramp, tmp_path / "greys.png", greys=True)
+    assert set(np.unique(seen)) == set(range(256))
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Why a thermal image has no texture: the ghosting effect (the paper's Fig. "tex").
+"""Why a thermal image has no texture: the ghosting effect (the paper's Fig. 1).
 
 (a) What an ordinary camera sees is sunlight that is scattered; the glow of what it sees lies far
 from its response. A thermal camera sees glow and scattered light in the same band.
@@ -169,7 +169,7 @@ def _draw(rows, pictures, path):
             norm = Normalize((1 - half) * picture.mean(), (1 + half) * picture.mean())
             common.show(ax, picture, f"{row['material']}, {title}", caption, norm=norm)
     bottom.suptitle("(b) black is 0 and white twice the mean, except on the right", fontsize=11)
-    common.save(fig, path)
+    common.save(fig, path, greys=True)  # its contrasts are small
 
 
 def _draw_spectra(fig):
