@@ -21,8 +21,8 @@ from texnet.vision import tex_vision
 
 SIZE, FULL_SIZE = (256, 384), (1080, 1920)  # pixels; the second is the published one
 BANDS, SPP, SEED, NETD_K = 54, 64, 7, 0.05
-BLACK, ORANGE, SKY_BLUE, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
-    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+BLACK, ORANGE, SKY_BLUE, GREEN, BLUE, VERMILLION, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
 NOTHING = "#cfe0f0"  # where a picture has no value, as in the sky
 WIDTH_INCHES, DPI, TEXT = 10.0, 100, 10  # 1000 pixels wide, text legible a little smaller
