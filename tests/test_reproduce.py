@@ -67,6 +67,16 @@ def test_relief_shows_by_day_and_hardly_in_the_thermal_picture():
     assert contrasts(sheet_scene(waves, "sand"))[1] > 3 * thermal
 
 
+def test_light_of_more_bounces_fills_the_hollows():
+    waves = lambda xy: 0.03 * np.sin(2 * np.pi * xy[:, 0] / 0.25)  # noqa: E731
+    lit = [ghosting.skylight(sheet_scene(waves), SIZE, 16, seed) for seed in (1, 2)]
+    once, often = zip(*lit, strict=True)
+    assert (often[0] >= once[0]).all() and np.mean(often) > 1.05 * np.mean(once)
+    assert ghosting.rms_contrast(*often) < 0.9 * ghosting.rms_contrast(*once)
+    flat = ghosting.skylight(sheet_scene(lambda xy: 0 * xy[:, 0]), SIZE, 4, 1)
+    assert np.array_equal(*flat)  # a plane does not see itself
+
+
 def test_contrast_is_that_of_the_picture_whatever_the_noise_and_the_gain(rng):
     x = np.linspace(0, 8 * np.pi, 400, endpoint=False)
     wave = np.broadcast_to(1 + 0.03 * np.sin(x), (400, 400))
@@ -233,15 +243,22 @@ def test_true_tex_vision_has_the_hues_of_the_true_materials(forest):
     assert (water.argmax(axis=1) == 2).all()
 
 
-def test_a_saved_figure_keeps_its_colours(tmp_path):
+def drawn(picture, path, **how):
+    """(height, width, 3) 0..255 of a file with nothing but a picture in it."""
     fig, axes = common.panels(1, 1, SIZE)
-    axes[0, 0].set_position((0, 0, 1, 1))
+    common.show(axes[0, 0], picture, "")
+    common.save(fig, path, **how)
+    return np.rint(255 * matplotlib.image.imread(path)[..., :3])
+
+
+def test_a_saved_figure_keeps_its_colours_or_every_grey(tmp_path):
     colours = np.array([[[200, 40, 90]], [[17, 250, 128]]], np.uint8)
-    common.show(axes[0, 0], colours, "")
-    common.save(fig, tmp_path / "a.png")
-    drawn = np.rint(255 * matplotlib.image.imread(tmp_path / "a.png")[..., :3])
+    seen = drawn(colours, tmp_path / "colours.png")
     for colour in colours[:, 0]:
-        assert (np.abs(drawn - colour).max(axis=-1) <= 4).mean() > 0.1
+        assert (np.abs(seen - colour).max(axis=-1) <= 4).mean() > 0.1
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    seen = drawn(ramp, tmp_path / "greys.png", greys=True)
+    assert set(np.unique(seen)) == set(range(256))
 
 
 @pytest.fixture

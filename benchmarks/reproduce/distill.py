@@ -1,4 +1,4 @@
-"""Texture distillation in pictures (the paper's Fig. "distill"): estimated above, true below.
+"""Texture distillation in pictures (the paper's Fig. 4): estimated above, true below.
 
 The preset `forest`, decomposed by TeX-SGD (`sgd`) with the whole starter library and k = 5
 objects of the environment, three of which stand for the sky. From left to right, for pixels that

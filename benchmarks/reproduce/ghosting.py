@@ -1,4 +1,4 @@
-"""Why a thermal image has no texture: the ghosting effect (the paper's Fig. "tex").
+"""Why a thermal image has no texture: the ghosting effect (the paper's Fig. 1).
 
 (a) What an ordinary camera sees is sunlight that is scattered; the glow of what it sees lies far
 from its response. A thermal camera sees glow and scattered light in the same band.
@@ -20,6 +20,9 @@ ghosting.csv, one row per material:
     signal_to_noise                  of both pictures
     visible_/thermal_contrast        RMS contrast
     contrast_ratio                   visible over thermal
+    skylight_contrast_first_bounce, skylight_contrast_all_bounces
+                                     without the sun, what the visible picture leaves out: it
+                                     has light that was scattered once alone
 """
 
 from dataclasses import dataclass, replace
@@ -34,6 +37,7 @@ from physics.planck import noise_sigma, radiance
 from physics.simulator import Camera, simulate
 from physics.simulator.presets import preset
 from physics.simulator.sensor import equidistant_bands
+from physics.simulator.traced import trace_on_demand
 
 from . import common
 
@@ -68,8 +72,13 @@ def reproduce(out, full, progress):
     rows, pictures, patches = [], {}, preset("patches", common.SEED)
     for name in X_M:
         report, scene = common.stage(progress, f"simulate {name}"), close_up(patches, name)
-        first, second = (expose(scene, size, SPP, common.SEED + i, report) for i in range(2))
-        rows.append(measure(scene, name, first, second))
+        seeds = common.SEED, common.SEED + 1
+        first, second = (expose(scene, size, SPP, seed, report) for seed in seeds)
+        lit = zip(*(skylight(scene, size, SPP // 4, seed) for seed in seeds), strict=True)
+        rows.append(measure(scene, name, first, second) | {
+            f"skylight_contrast_{which}": rms_contrast(*pair)
+            for which, pair in zip(("first_bounce", "all_bounces"), lit, strict=True)
+        })  # fmt: skip
         pictures[name] = first
     write_csv(out / "ghosting.csv", rows)
     _draw(rows, pictures, out / "ghosting.png")
@@ -104,6 +113,26 @@ def expose(scene, size, spp, seed, progress=None):
         visible + visible.mean() * noise[0], thermal + thermal.mean() * noise[1], sigma,
         thermal.mean() - scattering, scattering,
     )  # fmt: skip
+
+
+def skylight(scene, size, spp, seed):
+    """Light of the sky that falls on what is seen (height, width): at once, and by any bounces.
+
+    Its own light at 11 um, scattered as visible light is: up to a scale a clear sky by day,
+    which is as uneven, if not alike.
+    """
+    starter = MaterialLibrary.starter()
+    albedo = starter.albedo_rgb @ LUMINANCE
+    w = np.array([10.0, 12.0])
+    lit, black = (
+        MaterialLibrary(starter.names, w, np.stack([e, e], axis=1))
+        for e in (1 - albedo, np.ones_like(albedo))
+    )
+    traced = trace_on_demand(scene, size, spp, seed, lit)
+    return [
+        traced.shade(library, np.array([11.0]), np.zeros(1), 0)[1].sky_texture.astype(float)
+        for library in (black, lit)
+    ]
 
 
 def rms_contrast(first, second):
@@ -169,7 +198,7 @@ def _draw(rows, pictures, path):
             norm = Normalize((1 - half) * picture.mean(), (1 + half) * picture.mean())
             common.show(ax, picture, f"{row['material']}, {title}", caption, norm=norm)
     bottom.suptitle("(b) black is 0 and white twice the mean, except on the right", fontsize=11)
-    common.save(fig, path)
+    common.save(fig, path, greys=True)  # its contrasts are small
 
 
 def _draw_spectra(fig):

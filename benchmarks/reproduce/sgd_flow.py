@@ -1,4 +1,4 @@
-"""How TeX-SGD decides what a pixel is (the paper's Fig. "sgdflow").
+"""How TeX-SGD decides what a pixel is (the paper's Fig. 3).
 
 The preset `forest`; the library is that of the scene's own materials and the sky, as in the
 paper; k = 2 environment objects. In every pixel Eq. 6 is solved exactly for each material

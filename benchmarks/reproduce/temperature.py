@@ -1,4 +1,4 @@
-"""Geometry or temperature? A scene where both vary (the paper's Fig. "tmp", and Eq. 7).
+"""Geometry or temperature? A scene where both vary (the paper's Fig. 6, and Eq. 7).
 
 The preset `patterned`: every object has relief, and a pattern of temperature that does not follow
 it. temperature.png shows what is made of its cube, each picture with how much of the true sky-lit

@@ -1,4 +1,4 @@
-"""TeX vision beside the raw thermal picture and the truth (the paper's Fig. "sgd").
+"""TeX vision beside the raw thermal picture and the truth (the paper's Fig. 5).
 
 The presets `forest` and `street`, decomposed with the whole starter library and k = 5 objects of
 the environment by TeX-SGD (`sgd`) and by the network whose proposal is refined (`net+sgd`). The
