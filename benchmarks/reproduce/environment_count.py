@@ -11,4 +11,4 @@ BANDS, COUNTS = 54, (1, 2, 3, 4, 5, 6, 8, 10, 12)
 
 def reproduce(out, full, progress):
     rows = sweep([(BANDS, k) for k in COUNTS], full, progress)
-    return publish(rows, "k", "number k of environment objects", out, "environment_count")
+    return publish(rows, "k", "number k of environment objects", out, "environment-count")

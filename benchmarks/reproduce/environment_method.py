@@ -52,8 +52,8 @@ def reproduce(out, full, progress):
             for method, environment in ((PAPER_BOUND, theirs), (OUR_BOUND, ours)):
                 rows.append(where | dict(method=method) | bounds(cube, truth, environment))
         shown = shown or (pictures, truth)
-    write_csv(out / "environment_method.csv", rows)
-    draw(*shown, out / "environment_method.png")
+    write_csv(out / "environment-method.csv", rows)
+    draw(*shown, out / "environment-method.png")
     lines = [
         f"{r['group']:9} {r['scene']:7} {r['environment']:14} {r['method']:30} {', '.join(said(r))}"
         for r in rows
