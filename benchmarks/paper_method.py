@@ -22,7 +22,7 @@ from physics.eq1 import physics_loss
 from physics.library import SKY
 from physics.local import solve_local
 from physics.reduced import V_PRECISION, reduce_model
-from physics.semiglobal import Objective, refine
+from physics.semiglobal import Objective, refine, unsmoothed
 from texnet.pipeline import Decomposition
 
 # of the solvers' priors: so little that it matters only where nothing else says anything
@@ -52,7 +52,8 @@ def paper_decompose(cube, library, environment):
     # under another name the sky is a material like the others
     plain = replace(library, names=[n.replace(SKY, "the sky") for n in library.names])
     objective = _objective(cube, plain, environment)
-    misfit = _misfit(cube, objective, objective.unsmoothed(objective.local_state()).state)
+    alone = unsmoothed(objective.model, cube.spectra, objective.local)
+    misfit = _misfit(cube, objective, alone.state)
     loud = replace(cube, netd_k=cube.netd_k * max(1.0, float(np.median(misfit))))
     objective = _objective(loud, plain, environment)
     answer = refine(objective, objective.local_state())

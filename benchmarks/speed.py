@@ -368,6 +368,7 @@ def _draw(rows, fitted, path):
             ax.loglog(size, seconds, marks[method], label=f"{method}: {slope:.2f}")
         ax.set(xlabel=axis)
         ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.yaxis.set_minor_formatter(NullFormatter())
         ax.legend(title="exponent", fontsize=8, title_fontsize=8)
     axes[0].set(ylabel="seconds")
     figure.savefig(path, dpi=110)
