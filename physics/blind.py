@@ -77,7 +77,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     pixels = cube.shape[0] * cube.shape[1]
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
-    s = cube.spectra[pick].astype(np.float64)
+    s = cube.pixels(pick)
     missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
     s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
     row = pick // cube.shape[1] / cube.shape[0]
@@ -172,11 +172,12 @@ def _cluster_curves(e, n, seed):
     """(n, bands) curves of clusters of e (P, bands)."""
     dark = 1 - e
     length = np.linalg.norm(dark, axis=1)
-    fit = KMeans(n, n_init=3, random_state=seed)
+    direction = dark / length[:, None]
+    fit = KMeans(min(n, len(np.unique(direction, axis=0))), n_init=3, random_state=seed)
     # nearly black pixels have no direction
-    label = fit.fit_predict(dark / length[:, None], sample_weight=np.minimum(length, 1))
+    label = fit.fit_predict(direction, sample_weight=np.minimum(length, 1))
     curves = []
-    for c in range(n):
+    for c in np.unique(label):
         mine, of = dark[label == c], length[label == c]
         curves.append(1 - np.median(mine[of >= np.quantile(of, OPEN)], axis=0))
     return np.clip(curves, LEAST, MOST)

@@ -7,10 +7,12 @@ held, so that a process needs little more than one part at a time.
 import mmap
 import os
 import tempfile
+import weakref
 
 import numpy as np
 
 LARGE = 1 << 26  # bytes
+_OURS = weakref.WeakSet()  # maps of files that nobody else sees: all that is released
 
 
 def empty(shape, dtype):
@@ -27,17 +29,18 @@ def empty(shape, dtype):
             os.posix_fallocate(file.fileno(), 0, size)
         else:
             file.truncate(size)
-        return np.memmap(file, dtype, "r+", shape=tuple(shape))
+        array = np.memmap(file, dtype, "r+", shape=tuple(shape))
+    _OURS.add(array._mmap)
+    return array
 
 
 def release(array):
-    """Forget the pages of an array in a file that are in memory; they are read again if needed."""
-    while array is not None:
-        if isinstance(array, mmap.mmap):
-            if hasattr(array, "madvise"):
-                array.madvise(mmap.MADV_DONTNEED)
-            return
+    """Forget the pages in memory of an array from `empty`, or of a view of one; they are read
+    again if needed. Other arrays are left alone."""
+    while array is not None and not isinstance(array, mmap.mmap):
         array = getattr(array, "base", None)
+    if array is not None and array in _OURS and hasattr(array, "madvise"):
+        array.madvise(mmap.MADV_DONTNEED)
 
 
 def parts(array):

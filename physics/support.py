@@ -30,7 +30,7 @@ def supported_count(cube, library, seed=0):
     found = {}
     for k in range(1, min(MOST, pixels) + 1):
         environment = estimate_environment(cube, library, k, seed=seed)
-        if k == 1 and environment.sky_mean is not None:
+        if k == 1 < pixels and environment.sky_mean is not None:
             continue
         found[k] = free_energy(cube, library, environment, spectra)
         best = min(found, key=lambda k: found[k].mean())

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -52,6 +53,37 @@ def test_an_npz_of_others_in_any_order_and_type(tmp_path, all_large, order, dtyp
     save = np.savez_compressed if packed else np.savez
     save(tmp_path / "cube.npz", radiance=s, wavelength_um=np.linspace(8, 14, 4), other=["x"])
     np.testing.assert_array_equal(read_cube(tmp_path / "cube.npz").radiance, s)
+
+
+def test_a_private_map_of_others_is_left_alone(tmp_path):
+    np.save(tmp_path / "a.npy", np.full((3, 40, 50), 8, np.float32))
+    theirs = np.load(tmp_path / "a.npy", mmap_mode="c")
+    theirs /= 2
+    theirs.setflags(write=False)
+    cube = HeatCube(theirs, [8.0, 9.0, 10.0], None, 0.05)
+    assert (cube.radiance == 4).all() and (theirs == 4).all()
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".npz"])
+def test_a_view_is_written_as_it_is_seen(tmp_path, suffix):
+    s = np.random.default_rng(4).uniform(5, 9, (3, 20, 30)).astype(np.float32)
+    s.setflags(write=False)
+    for view in (s[:, 2:17, 3:20], s.transpose(0, 2, 1)):
+        write_cube(HeatCube(view, [8.0, 9.0, 10.0], None, 0.05), tmp_path / f"view{suffix}")
+        np.testing.assert_array_equal(read_cube(tmp_path / f"view{suffix}").radiance, view)
+
+
+def test_an_array_that_ends_early_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "short.npz", "w") as file:
+        for name, values in {"radiance": np.full(1, 7.0), "wavelength_um": [8.0, 9.0]}.items():
+            with file.open(f"{name}.npy", "w") as npy:
+                np.lib.format.write_array_header_1_0(npy, {
+                    "descr": "<f8", "fortran_order": False,
+                    "shape": (2, 3, 4) if name == "radiance" else (2,),
+                })  # fmt: skip
+                npy.write(np.asarray(values, "<f8").tobytes())
+    with pytest.raises(ValueError, match="not a whole npz"):
+        read_cube(tmp_path / "short.npz")
 
 
 def test_no_room_is_one_sentence(tmp_path, monkeypatch, all_large):

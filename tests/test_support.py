@@ -42,3 +42,8 @@ def test_the_order_of_the_library_does_not_matter(forest):
 def test_decompose_takes_as_many(forest):
     answer = decompose(forest, method="local", k="auto")
     assert len(answer.environment) == supported_count(forest, MaterialLibrary.starter())
+
+
+def test_a_single_pixel_has_an_answer(forest):
+    one = HeatCube(forest.radiance[:, :1, -1:], W, FWHM, 0.05)
+    assert supported_count(one, MaterialLibrary.starter()) == 1

@@ -25,7 +25,7 @@ WARM, CROP = 64, 256
 
 
 def choose(cube, library, k, budget, model_of, progress=None):
-    """The most accurate method within a budget -> its name, the seconds per megapixel foreseen.
+    """The most accurate method within a budget -> its name, k, the seconds per megapixel foreseen.
 
     k         objects of the environment, or "auto"
     budget    seconds per megapixel
@@ -34,15 +34,17 @@ def choose(cube, library, k, budget, model_of, progress=None):
 
     Raises InputError with what the fastest takes if none fits.
     """
+    start = time.perf_counter()
     cube = cube.with_netd()
     if k == "auto":
         from physics.support import supported_count  # numba takes a second to load
 
         k = supported_count(cube, library)
+    before = time.perf_counter() - start
     for _ in range(2):  # the first time loads
         start = time.perf_counter()
         environment = estimate_environment(cube, library, k)
-        once = (time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
+        once = (before + time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
 
     def seconds(method):
         model = model_of(method)
@@ -56,7 +58,8 @@ def choose(cube, library, k, budget, model_of, progress=None):
             took = time.perf_counter() - start
         return 1e6 * (once + took / (part.shape[0] * part.shape[1]))
 
-    return first_within(budget, best_first(cube.bands), seconds)
+    method, took = first_within(budget, best_first(cube.bands), seconds)
+    return method, k, took
 
 
 def best_first(bands):

@@ -368,14 +368,17 @@ def _decompose(
     from .progress import progress_bar
 
     check_directory(directory)
-    runner = cache(lambda method: _runner(method, model, device))
+    # a budget tries all methods, and local and sgd run on the CPU alone
+    runner = cache(
+        lambda m: _runner(m, model, "cpu" if budget and not m.startswith("net") else device)
+    )
     with progress_bar() as report:
         if budget is None:
             method = method or "net+sgd"
         else:
             from .budget import choose
 
-            method, foreseen = choose(cube, library, k, budget, runner, report)
+            method, k, foreseen = choose(cube, library, k, budget, runner, report)
         run = runner(method)
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     del run, runner  # and the memory that it keeps for the next tile
@@ -621,7 +624,7 @@ def _parser():
 
     p = commands.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; half an hour")
+    p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; ten minutes")
     p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
 
     p = add(

@@ -53,8 +53,7 @@ def read_cube(path):
     """Read a heat cube from an .exr or .npz file (see the module for their layouts).
 
     Bands come back ascending, in um and W m-2 sr-1 um-1 whatever the file's own units. A large
-    cube is not held in memory: an npz that is not packed is looked at where it lies, others are
-    unpacked into a temporary file.
+    cube is not held in memory but unpacked into a temporary file.
 
     Raises InputError if the file is missing, damaged, or leaves its units open.
     """
@@ -149,7 +148,10 @@ def _unpacked(path):
             flat, n = radiance.reshape(-1), READ_BYTES // dtype.itemsize
             for start in range(0, flat.size, n):
                 part = flat[start : start + n]
-                part[:] = np.frombuffer(npy.read(part.size * dtype.itemsize), dtype)
+                values = np.frombuffer(npy.read(part.size * dtype.itemsize), dtype)
+                if len(values) < len(part):
+                    raise EOFError
+                part[:] = values
                 scratch.release(radiance)
             npy.read(1)  # at its end the checksum is looked at
     except InputError:
@@ -261,7 +263,9 @@ def _scanlines(path, names, window, scale):
 def _write_exr(cube, path):
     import OpenEXR
 
-    channels = {channel_name(w): s for w, s in zip(cube.wavelength_um, cube.radiance, strict=True)}
+    # OpenEXR ignores strides
+    bands = zip(cube.wavelength_um, map(np.ascontiguousarray, cube.radiance), strict=True)
+    channels = {channel_name(w): s for w, s in bands}
     if len(channels) < cube.bands:
         raise InputError("cube: bands closer than 1e-6 nm cannot be told apart in an .exr file.")
     header = {

@@ -52,7 +52,9 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
     """
     directory = Path(directory)
     check_directory(directory)
-    with tempfile.TemporaryDirectory(dir=directory.resolve().parent, prefix=".texnet-") as made:
+    # beside it, or in it where it may be a disk of its own
+    near = directory if directory.is_dir() else directory.resolve().parent
+    with tempfile.TemporaryDirectory(dir=near, prefix=".texnet-") as made:
         made = Path(made)
         _save_arrays(decomposition, made / "decomposition.npz")
         matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))

@@ -20,10 +20,15 @@ TEMPERATURE_WEIGHT = 0.5
 SKY_VIEW_WEIGHT, SKY_VIEW_UNIT = 0.2, 0.1
 
 
+def cross_entropy(prediction, sample):
+    """Mean -log p of the true materials of a Sample; unlike torch's own, deterministic on a GPU."""
+    return -prediction.log_material.gather(0, sample.material[None]).mean()
+
+
 def supervised_loss(prediction, sample):
     """Scalar loss against the truth of a Sample."""
     ground, wavelength = sample.ground, sample.known.nodes_um.mean(1)
-    loss = functional.nll_loss(prediction.log_material[None], sample.material[None])
+    loss = cross_entropy(prediction, sample)
     if not ground.any():
         return loss
     t_error = (prediction.temperature_k - sample.temperature_k)[ground]

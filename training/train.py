@@ -31,7 +31,7 @@ from texnet.learned import check_device
 from texnet.network import TeXNet
 from texnet.weights import save_network
 
-from .losses import PHYSICS_WEIGHT, eq1_loss, supervised_loss
+from .losses import PHYSICS_WEIGHT, cross_entropy, eq1_loss, supervised_loss
 from .samples import draw, features
 from .scenes import SceneSet
 
@@ -171,7 +171,7 @@ class Training(lightning.LightningModule):
         if self.terms == "physics":
             return {"eq1": eq1_loss(prediction, sample.known, sample.radiance)}
         right = (prediction.log_material.argmax(0) == sample.material).float().mean()
-        entropy = torch.nn.functional.nll_loss(prediction.log_material[None], sample.material[None])
+        entropy = cross_entropy(prediction, sample)
         error = (prediction.temperature_k - sample.temperature_k)[sample.ground]
         rmse = (error**2).mean().sqrt() if len(error) else torch.tensor(0.0)
         return {"accuracy": right, "cross_entropy": entropy, "temperature_rmse_k": rmse,
@@ -229,7 +229,7 @@ def fit(
     """Train a Training module on Draws, from folder/last.ckpt if it is there -> metrics.
 
     validation  Draws of which all are measured every VALIDATE_EVERY epochs, or None
-    device      "cpu" or "cuda": all the GPUs there are
+    device      "cpu" or "cuda": the first GPU
     progress    called as progress(done, total, "training") after each draw
 
     The metrics are those of the last epoch, as floats. After Ctrl-C (KeyboardInterrupt) the
@@ -240,7 +240,7 @@ def fit(
     if last.exists():  # Lightning begins to draw before it tells the first epoch
         order.set_epoch(torch.load(last, weights_only=True)["epoch"] + 1)
     trainer = lightning.Trainer(
-        accelerator="cpu" if device == "cpu" else "gpu",
+        accelerator="cpu" if device == "cpu" else "gpu", devices=1,
         max_epochs=epochs, accumulate_grad_batches=TOGETHER, gradient_clip_val=1.0,
         default_root_dir=folder, logger=CSVLogger(folder, name="", version=""),
         # The one best by no measure is the last; save_last alone saves nothing (2.6).
