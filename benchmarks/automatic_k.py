@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, test_scenes
 from benchmarks.rows import write_csv
-from benchmarks.stability import ONNX
 from export.runtime import Runtime
 from physics.library import MaterialLibrary
 from physics.simulator.sensor import equidistant_bands

@@ -35,7 +35,6 @@ import platform
 import time
 from dataclasses import replace
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -46,6 +45,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from threadpoolctl import threadpool_limits
 
+from benchmarks import ONNX, SHIPPED
 from benchmarks.accuracy import NETD_K, SIZE, SPP, K, test_scenes
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
@@ -77,7 +77,6 @@ TITLES = {
     "texture_correlation": "sky-lit texture, correlation",
 }
 SHOWN = ("seconds_per_megapixel", *ERRORS)
-SHIPPED = files("texnet") / "data"
 
 
 # --- the methods: each takes a Scene and gives what `evaluate` takes, and its Truth --------
@@ -173,7 +172,7 @@ def all_methods(networks):
     methods = {name: by_separation(module) for name, module in SEPARATIONS.items()}
     methods |= {"scipy": by_scipy, "local": by_texnet("local"), "sgd": by_texnet("sgd")}
     methods["net"] = by_texnet("net", torch_model(False))
-    methods["net+sgd"] = by_texnet("net+sgd", Runtime(SHIPPED / "texnet.onnx", THREADS).run)
+    methods["net+sgd"] = by_texnet("net+sgd", Runtime(ONNX, THREADS).run)
     for steps in STEPS:
         methods[f"net+sgd, {steps} steps"] = by_texnet("net+sgd", torch_model(steps=steps))
     for path in networks:
@@ -238,7 +237,7 @@ def _scores(run, scene):
 
 def _settings(networks):
     """A digest of all that a measurement depends on, this machine included."""
-    weights = [SHIPPED / "texnet.onnx", SHIPPED / "texnet.safetensors", *networks]
+    weights = [ONNX, SHIPPED / "texnet.safetensors", *networks]
     held = [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights]
     packages = {n: version(n) for n in ("texnet", "torch", "onnxruntime", "numba", "scipy")}
     told = [BANDS, SIZE, SPP, NETD_K, K, STEPS, SCIPY_PIXELS, THREADS, held, packages,

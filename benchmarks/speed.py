@@ -43,6 +43,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from threadpoolctl import threadpool_limits
 
+from benchmarks import ONNX
 from benchmarks.peers.scipy_fit import fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from physics.estimate import estimate_environment
@@ -66,7 +67,6 @@ PIECE = 4  # times as large, on each side, is the frame as what was traced for i
 SCIPY_PIXELS = 12
 PART, TILE = (544, 960), 224
 REPEATS = 3
-ONNX = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
 SIMULATED, SPP = (256, 384), 16
 GROWTH = {
     "pixels": (96, 128, 192, 256, 320),  # on a side

@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks import ONNX
 from benchmarks.rows import read_csv, write_csv
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -48,7 +49,6 @@ from texnet.progress import progress_bar
 from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS, NETD_K, K = (72, 96), 64, 54, 0.05, 5
-ONNX = Path(__file__).parents[1] / "texnet" / "data" / "texnet.onnx"
 STYLE = {  # Okabe and Ito's colours
     "local": ("#0072B2", "o-"), "sgd": ("#009E73", "^--"), "net": ("#E69F00", "s-."),
     "net+sgd": ("#D55E00", "D-"),
