@@ -607,7 +607,7 @@ def _parser():
 
     # the defaults of training.train and training.finetune, which are slow to import
     add_training("train", train, "train a network on simulated scenes; hours", 1600, 60)
-    p = add_training("finetune", finetune, "adapt a network to a library; minutes", 48, 5)
+    p = add_training("finetune", finetune, "adapt a network to a library; minutes", 48, 3)
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / MODEL,

@@ -1,6 +1,7 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-net, net+sgd   environment from the cube -> evidence -> network -> refinement and texture
+net, net+sgd   environment from the cube -> a glance from afar at what materials there are ->
+               evidence -> network -> refinement and texture
 local, sgd     environment from the cube -> exact local solution of every pixel and material
                -> semi-global refinement -> distilled texture, with how sure each part is
 """
@@ -16,6 +17,8 @@ from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
+
+from . import glance
 
 METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
@@ -35,7 +38,7 @@ class Decomposition:
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
-    material_probability  (materials, height, width)
+    material_probability  (materials, height, width); zero what `glance` did not see
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, no material is likelier than not, or only the neighbours
                           speak for the one given
@@ -117,7 +120,8 @@ def decompose(
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model(method == "net+sgd")
-        maps = model(cube.radiance, known_arrays(cube, library, environment), report("network"))
+        known = known_arrays(cube, library, environment)
+        maps = glance.answer(model, cube.radiance, known, report("network"))
         lap("network")
     else:
         from .exact import solve  # and so does numba

@@ -27,7 +27,7 @@ from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_na
 LEARNING_RATE = 5e-4  # a quarter of training's
 PHYSICS_LEARNING_RATE = 1e-4  # Eq. 1 alone says little of materials: keep near what is known
 PER_EPOCH = 160  # draws
-SCENES, EPOCHS = 48, 5  # 3 % of the scenes and 4 % of the draws of `train`
+SCENES, EPOCHS = 48, 3  # 3 % of the scenes and of the draws of `train`
 HELD_OUT = 8  # validation scenes, or crops of the cubes, measured before and after
 
 

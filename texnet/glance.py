@@ -1,0 +1,63 @@
+"""A glance from afar: which of the library's materials the scene holds at all.
+
+A model first answers a few pixels, every STEP-th of every STEP-th row, with the whole library. A
+material with less than SHARE of the probability there, and nowhere with OWN of a whole patch's, is
+left out when all pixels are answered. That takes less time, in proportion to the materials, and
+spares the answer some that are rare and wrong. What is left out has probability zero.
+"""
+
+import math
+
+import numpy as np
+
+from physics import scratch
+
+STEP = 4  # at most
+PIXELS = 5000  # of a glance, at least; smaller pictures are answered with all materials at once
+SHARE = 0.01
+PATCH, OWN = 2, 0.1  # pixels of the glance on a side, and a material's probability there
+LEAST = 2  # materials that a model can choose from
+
+
+def answer(model, radiance, known, progress=None):
+    """Maps of a cube by the materials that it holds, as if by all.
+
+    model     run(radiance, known, progress) -> dict of maps, as `pipeline.decompose` takes it
+    radiance  (bands, height, width);  known   as from `physics.known.known_arrays`
+    """
+    step = min(STEP, int(math.sqrt(radiance[0].size / PIXELS)))
+    if step < 2:
+        return model(radiance, known, progress)
+    afar = np.stack([band[::step, ::step] for band in scratch.parts(radiance)])
+    seen = materials_seen(model(afar, known)["material_probability"])
+    of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
+    maps = model(radiance, known | of_seen, progress)
+    maps["material"] = seen.astype(maps["material"].dtype)[maps["material"]]
+    maps["material_probability"] = _among_all(
+        maps["material_probability"], seen, len(known["is_sky"])
+    )
+    return maps
+
+
+def materials_seen(probability):
+    """Ascending indices of the materials seen, of probability (materials, height, width)."""
+    height, width = (size - size % PATCH for size in probability.shape[1:])
+    patches = probability[:, :height, :width].reshape(
+        len(probability), height // PATCH, PATCH, width // PATCH, PATCH
+    )
+    own = patches.mean(axis=(2, 4)).max(axis=(1, 2), initial=0.0)
+    share = probability.mean(axis=(1, 2))
+    seen = (share > SHARE) | (own > OWN)
+    seen[np.argsort(-share, kind="stable")[:LEAST]] = True
+    return np.flatnonzero(seen)
+
+
+def _among_all(probability, seen, materials):
+    """probability of the materials seen -> (materials, height, width), zero for the others."""
+    every = scratch.empty((materials, *probability.shape[1:]), probability.dtype)
+    row = dict(zip(seen, range(len(seen)), strict=True))
+    for m in range(materials):
+        every[m] = probability[row[m]] if m in row else 0.0
+        scratch.release(every)
+        scratch.release(probability)
+    return every
