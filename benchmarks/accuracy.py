@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
-from physics.simulator.sensor import equidistant_bands
 from texnet.metrics import evaluate
 from texnet.pipeline import METHODS, decompose
 from training.scenes import BASE_SEED

@@ -17,8 +17,8 @@ from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, test_scenes
 from benchmarks.rows import write_csv
 from export.runtime import Runtime
+from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
-from physics.simulator.sensor import equidistant_bands
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
 

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.accuracy import K, test_scenes
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.filters import HIGH_UM, LOW_UM, NETD_K, design_filters
 from physics.library import MaterialLibrary
-from physics.simulator.sensor import equidistant_bands
 from physics.whole_file import whole_file
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import decompose

@@ -53,11 +53,12 @@ from benchmarks.peers.naming import band_curves, light, nearest
 from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.rows import read_csv, write_csv
 from export.runtime import Runtime
+from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
 from physics.reduced import reduce_model
-from physics.simulator.sensor import Bands, equidistant_bands
+from physics.simulator.sensor import Bands
 from physics.sky import sky_radiance
 from physics.whole_file import whole_file
 from texnet.budget import ERRORS

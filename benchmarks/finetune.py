@@ -33,13 +33,13 @@ import torch
 
 from benchmarks.rows import write_csv
 from physics import starter
+from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.refinement import STEPS
-from physics.simulator.sensor import equidistant_bands
 from physics.starter import AIR, Recipe
 from physics.whole_file import whole_file
 from texnet.cli import MODEL

@@ -25,10 +25,10 @@ from sklearn.metrics import adjusted_rand_score
 
 from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.blind import library_from_cube
 from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
-from physics.simulator.sensor import equidistant_bands
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import decompose
 

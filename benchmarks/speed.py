@@ -46,6 +46,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import ONNX
 from benchmarks.peers.scipy_fit import fit, pure_hypotheses
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.heat_cube import HeatCube
@@ -55,7 +56,7 @@ from physics.local import solve_given, solve_local
 from physics.reduced import reduce_model
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
-from physics.simulator.sensor import Bands, equidistant_bands
+from physics.simulator.sensor import Bands
 from physics.simulator.traced import trace_on_demand
 from physics.whole_file import whole_file
 from texnet.learned import shipped_network, torch_model

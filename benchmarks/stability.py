@@ -33,6 +33,7 @@ from matplotlib.figure import Figure
 
 from benchmarks import ONNX
 from benchmarks.rows import read_csv, write_csv
+from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
@@ -41,7 +42,7 @@ from physics.library import MaterialLibrary
 from physics.planck import brightness_temperature, noise_sigma, radiance_derivative
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
-from physics.simulator.sensor import add_noise, equidistant_bands
+from physics.simulator.sensor import add_noise
 from physics.whole_file import whole_file
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import METHODS, decompose

@@ -22,6 +22,7 @@ import numpy as np
 
 from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
@@ -29,7 +30,6 @@ from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine
-from physics.simulator.sensor import equidistant_bands
 from texnet.learned import torch_model
 
 STARTS = ("network", "local", "constant", "random")

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .errors import InputError
+
 MAX_SPACING_UM = 0.125
 
 
@@ -16,3 +18,11 @@ def quadrature(wavelength_um, fwhm_um):
     n = max(1, int(np.ceil(width.max() / MAX_SPACING_UM - 1e-9)))
     offsets = (np.arange(n) + 0.5) / n - 0.5
     return centre[:, None] + width[:, None] * offsets
+
+
+def equidistant_bands(n, low_um=8.0, high_um=14.0):
+    """n box bands side by side -> centres and widths, each (n,), in um."""
+    if n < 1 or not 0 < low_um < high_um:
+        raise InputError(f"bands: need n >= 1 and 0 < low < high, got {n}, {low_um}, {high_um}.")
+    width = (high_um - low_um) / n
+    return low_um + width * (np.arange(n) + 0.5), np.full(n, width)

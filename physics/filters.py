@@ -44,6 +44,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .bands import equidistant_bands
 from .eq1 import render
 from .errors import InputError
 from .estimate import ERROR_K
@@ -51,7 +52,6 @@ from .identifiability import leverage
 from .library import SKY
 from .planck import noise_sigma, radiance
 from .reduced import MIN_TEMPERATURE_SPREAD_K
-from .simulator.sensor import equidistant_bands
 from .sky import Atmosphere, sky_radiance
 
 NETD_K = 0.05  # of a filter 1 um wide, at 300 K

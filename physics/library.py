@@ -138,7 +138,7 @@ class MaterialLibrary:
                 data = json.load(f)
         except OSError as e:
             raise InputError(f"library: cannot read {path}: {e.strerror}.") from e
-        except ValueError as e:
+        except (ValueError, RecursionError) as e:
             raise InputError(f"library: {path} is not a JSON library file ({e}).") from e
         return MaterialLibrary._from_json(data, path)
 

@@ -11,6 +11,8 @@ import weakref
 
 import numpy as np
 
+from .errors import InputError
+
 LARGE = 1 << 26  # bytes
 _OURS = weakref.WeakSet()  # maps of files that nobody else sees: all that is released
 
@@ -18,18 +20,24 @@ _OURS = weakref.WeakSet()  # maps of files that nobody else sees: all that is re
 def empty(shape, dtype):
     """A new array, in a file of the folder for temporary files (TMPDIR) if it is LARGE.
 
-    Raises OSError where that folder has no room.
+    Raises InputError where that folder has no room.
     """
     dtype = np.dtype(dtype)
     size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     if size < LARGE:
         return np.empty(shape, dtype)
-    with tempfile.TemporaryFile(prefix="texnet-") as file:
-        if hasattr(os, "posix_fallocate"):  # else a full disk would kill the process later
-            os.posix_fallocate(file.fileno(), 0, size)
-        else:
-            file.truncate(size)
-        array = np.memmap(file, dtype, "r+", shape=tuple(shape))
+    try:
+        with tempfile.TemporaryFile(prefix="texnet-") as file:
+            if hasattr(os, "posix_fallocate"):  # else a full disk would kill the process later
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:
+                file.truncate(size)
+            array = np.memmap(file, dtype, "r+", shape=tuple(shape))
+    except OSError as e:
+        raise InputError(
+            f"no room for {size / 1e9:.1f} GB in the folder for temporary files, "
+            f"{tempfile.gettempdir()} ({e.strerror}); set TMPDIR to another."
+        ) from e
     _OURS.add(array._mmap)
     return array
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from physics import InputError, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.filters import (
     FINE_UM,
     HIGH_UM,
@@ -17,7 +18,6 @@ from physics.filters import (
 )
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.reduced import MIN_TEMPERATURE_SPREAD_K
-from physics.simulator.sensor import equidistant_bands
 
 W = np.linspace(7.5, 14.5, 141)
 FEW = Scenes(*(a[:4] for a in draw_scenes()))

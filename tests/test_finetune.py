@@ -19,9 +19,9 @@ import training.reshade as reshade
 import training.samples as samples
 import training.train as train_module
 from physics import InputError, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.heat_cube import HeatCube
 from physics.library import SKY
-from physics.simulator.sensor import equidistant_bands
 from physics.simulator.traced import TracedScene
 from texnet.cli import _parser, main
 from texnet.cube_io import write_cube

@@ -14,11 +14,10 @@ from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck, emissivity
 from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import fit
-from physics.bands import quadrature
+from physics.bands import equidistant_bands, quadrature
 from physics.local import solve_given
 from physics.planck import radiance
 from physics.reduced import reduce_model
-from physics.simulator.sensor import equidistant_bands
 from physics.sky import Atmosphere, sky_radiance
 
 COARSE = {

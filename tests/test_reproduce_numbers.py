@@ -15,9 +15,9 @@ from benchmarks.reproduce.curves import FINE_BANDS, publish, subset, summarised,
 from benchmarks.reproduce.errors import ERRORS, NETD_K, OURS, PAPER, best_lighting, bounds, seen
 from benchmarks.reproduce.errors import verdict as verdict_on
 from physics import HeatCube
+from physics.bands import equidistant_bands
 from physics.eq1 import render
 from physics.planck import brightness_temperature, noise_sigma, radiance
-from physics.simulator.sensor import equidistant_bands
 
 W4, FWHM4 = equidistant_bands(4)
 

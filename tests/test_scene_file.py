@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from physics import InputError
+from physics import InputError, MaterialLibrary
 from physics.simulator import load_scene
+from texnet.band_file import read_bands
 
 ROCK = {
     "name": "rock", "mesh": "rock.obj", "material": "granite", "temperature_k": 290,
@@ -134,6 +135,11 @@ def test_mistakes_are_one_sentence(write, change, message):
 def test_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="cannot read"):
         load_scene(tmp_path / "none.json")
-    (tmp_path / "bad.json").write_text("{")
-    with pytest.raises(InputError, match="not a JSON file"):
-        load_scene(tmp_path / "bad.json")
+    for text in ("{", "[" * 100_000):
+        (tmp_path / "bad.json").write_text(text)
+        with pytest.raises(InputError, match="not a JSON file"):
+            load_scene(tmp_path / "bad.json")
+        with pytest.raises(InputError, match="not a JSON library file"):
+            MaterialLibrary.load(tmp_path / "bad.json")
+        with pytest.raises(InputError, match="must be JSON"):
+            read_bands(tmp_path / "bad.json")

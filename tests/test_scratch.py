@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from physics import HeatCube, scratch
+from physics import HeatCube, InputError, scratch
 from physics.array_file import load_arrays, save_arrays
 from physics.tiles import run_tiled
 from texnet.cube_io import read_cube, write_cube
@@ -93,7 +93,7 @@ def test_no_room_is_one_sentence(tmp_path, monkeypatch, all_large):
     cube = HeatCube(np.full((3, 4, 5), 7.0), [8.0, 9.0, 10.0], None, 0.05)
     write_cube(cube, tmp_path / "cube.npz")
     monkeypatch.setattr(scratch.os, "posix_fallocate", full, raising=False)
-    with pytest.raises(ValueError, match="set TMPDIR"):
+    with pytest.raises(InputError, match="set TMPDIR"):
         read_cube(tmp_path / "cube.npz")
 
 

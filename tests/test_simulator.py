@@ -12,9 +12,10 @@ import trimesh
 from scipy import stats
 
 from physics import InputError, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.planck import noise_sigma, radiance
 from physics.simulator import Camera, Scene, SceneObject, Truth, simulate
-from physics.simulator.sensor import FLOOR_K, equidistant_bands
+from physics.simulator.sensor import FLOOR_K
 from physics.simulator.shade import Shader, shade
 from physics.simulator.trace import SKY, Paths, Tracer, roulette
 from physics.sky import Atmosphere, sky_radiance

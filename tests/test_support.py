@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from physics import HeatCube, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.planck import noise_sigma, radiance
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
-from physics.simulator.sensor import equidistant_bands
 from physics.support import supported_count
 from texnet.pipeline import decompose
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from physics.bands import equidistant_bands
 from physics.heat_cube import HeatCube
 from physics.simulator import simulate
 from physics.simulator.presets import preset
-from physics.simulator.sensor import equidistant_bands
 
 
 @functools.cache

@@ -16,7 +16,7 @@ def read_bands(path):
         return tuple(np.array(data[key], np.float64) for key in ("wavelength_um", "fwhm_um"))
     except OSError as e:
         raise InputError(f"bands: cannot read {path}: {e.strerror}.") from e
-    except (KeyError, TypeError, ValueError) as e:
+    except (KeyError, TypeError, ValueError, RecursionError) as e:
         raise InputError(
             f"bands: {path} must be JSON with lists wavelength_um and fwhm_um, in um."
         ) from e

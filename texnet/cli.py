@@ -68,10 +68,10 @@ def decompose(args):
 
 
 def simulate(args):
+    from physics.bands import equidistant_bands
     from physics.simulator import simulate as trace
     from physics.simulator.presets import preset
     from physics.simulator.scene_file import load_scene
-    from physics.simulator.sensor import equidistant_bands
 
     from .band_file import read_bands
     from .cube_io import check_cube_path, write_cube
@@ -104,9 +104,9 @@ def simulate(args):
 
 
 def bands(args):
+    from physics.bands import equidistant_bands
     from physics.filters import HIGH_UM, LOW_UM, design_filters, rate_filters
     from physics.library import MaterialLibrary
-    from physics.simulator.sensor import equidistant_bands
     from physics.whole_file import check_writable
 
     from .band_file import write_bands

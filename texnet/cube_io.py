@@ -14,10 +14,8 @@ and, if known, fwhm_um (bands,) and netd_k (a scalar; NaN: not known).
 """
 
 import io
-import math
 import os
 import re
-import tempfile
 import zipfile
 import zlib
 from contextlib import contextmanager, redirect_stdout
@@ -144,7 +142,7 @@ def _unpacked(path):
             }[version]
             shape, fortran, dtype = read_header(npy)
             _check_numbers(dtype, "radiance", path)
-            radiance = _allocate(shape[::-1] if fortran else shape)
+            radiance = scratch.empty(shape[::-1] if fortran else shape, np.float32)
             flat, n = radiance.reshape(-1), READ_BYTES // dtype.itemsize
             for start in range(0, flat.size, n):
                 part = flat[start : start + n]
@@ -160,17 +158,6 @@ def _unpacked(path):
         raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
     radiance.setflags(write=False)
     return radiance.T if fortran else radiance
-
-
-def _allocate(shape):
-    """Room for a cube; InputError where there is none."""
-    try:
-        return scratch.empty(shape, np.float32)
-    except (OSError, MemoryError) as e:
-        raise InputError(
-            f"cube: no room for its {math.prod(shape) * 4 / 1e9:.1f} GB in the folder for "
-            f"temporary files, {tempfile.gettempdir()}; set TMPDIR to another."
-        ) from e
 
 
 def _check_numbers(dtype, key, path):
@@ -241,7 +228,7 @@ def _scanlines(path, names, window, scale):
     (left, top), (right, bottom) = (corner.tolist() for corner in window)
     width, height = right - left + 1, bottom - top + 1
     step = max(16, READ_BYTES // (4 * width * len(names)) // 16 * 16)  # packed by 16 lines
-    cube = _allocate((len(names), height, width))
+    cube = scratch.empty((len(names), height, width), np.float32)
     kind = Imath.PixelType(Imath.PixelType.FLOAT)
     try:
         with _quiet_library():

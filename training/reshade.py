@@ -10,10 +10,10 @@ for, in a third of a second, each time a scene's turn comes with other materials
 
 import numpy as np
 
+from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.presets.random_scene import random_scene
-from physics.simulator.sensor import equidistant_bands
 from physics.simulator.traced import TracedScene, trace_scene
 
 from .scenes import BASE_SEED, Record, SceneSet, Settings, of_seed

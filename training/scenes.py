@@ -28,11 +28,11 @@ import numpy as np
 
 import physics
 from physics.array_file import load_arrays, save_arrays
+from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.library import MaterialLibrary
 from physics.simulator import simulate
 from physics.simulator.presets.random_scene import random_scene
-from physics.simulator.sensor import equidistant_bands
 from physics.whole_file import whole_file
 
 from .vary import vary

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.paper_method import kmeans_environment, paper_decompose
 from benchmarks.rows import write_csv
-from physics.simulator.sensor import equidistant_bands
+from physics.bands import equidistant_bands
 from texnet.pipeline import decompose
 
 from .errors import ERRORS, OURS, PAPER, errors, random_seeds, seen, traced, verdict

@@ -12,10 +12,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
+from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.simulator import simulate
 from physics.simulator.presets import preset
-from physics.simulator.sensor import equidistant_bands
 from physics.whole_file import whole_file
 from texnet.vision import tex_vision
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.rows import write_csv
-from physics.simulator.sensor import equidistant_bands
+from physics.bands import equidistant_bands
 
 from .common import BLACK, BLUE, ORANGE, SKY_BLUE, VERMILLION, save
 from .errors import (

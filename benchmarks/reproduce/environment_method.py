@@ -7,8 +7,8 @@ method takes the centres as they are; ours extrapolates the sky overhead from th
 
 from benchmarks.paper_method import halves_environment, kmeans_environment, paper_decompose
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
-from physics.simulator.sensor import equidistant_bands
 from texnet.pipeline import decompose
 
 from .errors import (

@@ -32,11 +32,11 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from benchmarks.rows import write_csv
+from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.planck import noise_sigma, radiance
 from physics.simulator import Camera, simulate
 from physics.simulator.presets import preset
-from physics.simulator.sensor import equidistant_bands
 from physics.simulator.traced import trace_on_demand
 
 from . import common

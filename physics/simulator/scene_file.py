@@ -62,7 +62,7 @@ def load_scene(path):
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as e:
         raise InputError(f"scene: cannot read {path}: {e.strerror}.") from e
-    except ValueError as e:
+    except (ValueError, RecursionError) as e:
         raise InputError(f"scene: {path} is not a JSON file ({e}).") from e
     _keys(data, "the file", ("camera", "objects"), ("atmosphere", "sun_direction", "name"))
     camera = data["camera"]

@@ -19,14 +19,6 @@ from ..planck import noise_sigma, radiance
 FLOOR_K = 100.0  # coldest black body that a reading can mean: 1e-3 of 300 K's light at most
 
 
-def equidistant_bands(n, low_um=8.0, high_um=14.0):
-    """n box bands side by side -> centres and widths, each (n,), in um."""
-    if n < 1 or not 0 < low_um < high_um:
-        raise InputError(f"bands: need n >= 1 and 0 < low < high, got {n}, {low_um}, {high_um}.")
-    width = (high_um - low_um) / n
-    return low_um + width * (np.arange(n) + 0.5), np.full(n, width)
-
-
 @dataclass(frozen=True, eq=False)
 class Bands:
     """Bands and the fine grid that integrates them.
