@@ -51,7 +51,7 @@ def main():
     print(f"{'k':>5}" + "".join(f"{what[:18]:>20}" for what in SHOWN))
     for k in COUNTS:
         of = [r for r in rows if r["k"] == k]
-        print(f"{k:>5}" + "".join(f"{np.mean([r[what] for r in of]):20.3f}" for what in SHOWN))
+        print(f"{k:>5}" + "".join(f"{np.nanmean([r[what] for r in of]):20.3f}" for what in SHOWN))
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def table(rows):
 
 def _column(rows, n, method, name, metric):
     of = [r for r in rows if (r["filters"], r["method"], r["set"]) == (n, method, name)]
-    return np.array([r[metric] for r in of])
+    return np.array([r[metric] for r in of if np.isfinite(r[metric])])  # a room has no texture
 
 
 def draw(rows, sets, path):

@@ -96,7 +96,7 @@ def main():
     for rows, first in ((scenes, 1), (materials, 3)):
         for key in list(rows[0])[first:]:
             values = [r[key] for r in rows]
-            print(f"{key:40} mean {np.mean(values):7.3f}  median {np.median(values):7.3f}")
+            print(f"{key:40} mean {np.nanmean(values):7.3f}  median {np.nanmedian(values):7.3f}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """Metrics and baselines: perfect answers score perfectly, known errors score what they are."""
 
+from dataclasses import replace
+
 import made_up
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from physics.errors import InputError
 from physics.heat_cube import HeatCube
 from texnet.baselines import clahe, panchromatic, principal_components
 from texnet.metrics import correlation, evaluate, non_sky, texture_scores
+
+TEXTURE_SCORES = ("texture_correlation", "texture_gradient_correlation", "texture_ssim")
 
 
 @pytest.fixture
@@ -106,6 +110,13 @@ def test_no_pixel_to_average_is_nan(truth):
     d.unknown = np.ones_like(d.unknown)
     m = evaluate(d, truth)
     assert m["abstention"] == 1 and np.isnan(m["accuracy_answered"])
+
+
+def test_a_room_has_no_sky_lit_texture_to_be_found(truth):
+    room = replace(truth, sky_texture=np.zeros_like(truth.sky_texture))
+    m = evaluate(made_up.perfect(truth), room)
+    assert np.isnan([v for name, v in m.items() if name in TEXTURE_SCORES]).all()
+    assert np.isfinite([v for name, v in m.items() if name not in TEXTURE_SCORES]).all()
 
 
 def test_another_scene_s_truth_is_refused(truth):

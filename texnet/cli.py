@@ -476,10 +476,13 @@ def _summary(r):
             "Against the truth beside the cube:",
             f"             temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)",
             f"             {100 * m['material_accuracy']:.1f} % of the pixels get their material",
-            f"             sky-lit texture correlates at {m['texture_correlation']:.2f} "
-            f"(raw thermal {today['panchromatic']:.2f}, CLAHE {today['clahe']:.2f}, "
-            f"PCA {today['principal_components']:.2f})",
         ]
+        if math.isfinite(m["texture_correlation"]):
+            lines.append(
+                f"             sky-lit texture correlates at {m['texture_correlation']:.2f} "
+                f"(raw thermal {today['panchromatic']:.2f}, CLAHE {today['clahe']:.2f}, "
+                f"PCA {today['principal_components']:.2f})"
+            )
     lines += ["Files        " + str(r["files"]["tex_vision"]) + "   <- look at this first"]
     lines += [f"             {p}" for key, p in r["files"].items() if key != "tex_vision"]
     return "\n".join(lines)

@@ -33,7 +33,7 @@ def evaluate(decomposition, truth):
     abstention              fraction of all pixels marked unknown
     accuracy_answered       material accuracy of the others
 
-    NaN where there is no pixel to average. Raises InputError if the sizes differ.
+    NaN where there is nothing to compare. Raises InputError if the sizes differ.
     """
     d = decomposition
     if d.texture.shape != truth.texture.shape:
@@ -74,9 +74,13 @@ def texture_scores(picture, truth):
                           where both are non-sky: edges instead of areas
     ssim                  structural similarity (Wang et al. 2004), both pictures stretched
                           to 0..1; NaN below 11 x 11 pixels, the size of its window
+
+    All NaN where the truth has no such texture, as in a room.
     """
     ground = non_sky(truth)
     picture, texture = (np.asarray(a, dtype=np.float64) for a in (picture, truth.sky_texture))
+    if not ground.any() or np.ptp(texture[ground]) == 0:
+        return dict.fromkeys(("correlation", "gradient_correlation", "ssim"), float("nan"))
     return {
         "correlation": correlation(picture, texture, ground),
         "gradient_correlation": correlation(
