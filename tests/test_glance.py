@@ -11,6 +11,7 @@ from physics.estimate import estimate_environment
 from physics.known import known_arrays
 from texnet import glance
 from texnet.learned import torch_model
+from texnet.pipeline import decompose
 
 SHAPE = (160, 240)
 
@@ -47,20 +48,19 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
     library = MaterialLibrary.starter()
     known = known_arrays(cube, library, estimate_environment(cube, library, 3))
     monkeypatch.setattr(glance, "PIXELS", 24 * 36 // step**2)
-    libraries = []
+    answered = []
 
-    def model(radiance, known, progress=None):
-        libraries.append((radiance.shape[1:], len(known["is_sky"])))
-        return torch_model()(radiance, known, progress)
+    def run(radiance, seen):
+        answered.append((radiance.shape[1:], len(seen)))
+        of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
+        return torch_model()(radiance, known | of_seen)
 
-    maps = glance.answer(model, cube.radiance, known)
+    maps = glance.answer(run, run, cube.radiance, len(library))
     afar = tuple(-(-size // step) for size in (24, 36))
     p = maps["material_probability"]
     seen = np.flatnonzero(p.any(axis=(1, 2)))
-    assert libraries == [(afar, 30), ((24, 36), len(seen))] and len(seen) < 20
-    alone = torch_model()(
-        cube.radiance, known | {n: known[n][seen] for n in ("emissivity", "is_sky")}
-    )
+    assert answered == [(afar, 30), ((24, 36), len(seen))] and len(seen) < 20
+    alone = run(cube.radiance, seen)
     np.testing.assert_array_equal(p[seen], alone["material_probability"])
     np.testing.assert_array_equal(maps["material"], seen[alone["material"]])
     np.testing.assert_array_equal(maps["temperature_k"], alone["temperature_k"])
@@ -68,12 +68,20 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
 
 
 def test_a_small_picture_is_answered_with_the_whole_library():
-    shapes = []
-
-    def model(radiance, known, progress):
-        shapes.append(radiance.shape)
-        return {}
-
     side = int((4 * glance.PIXELS) ** 0.5) - 1
-    glance.answer(model, np.ones((3, side, side), np.float32), {"is_sky": np.zeros(5)})
-    assert shapes == [(3, side, side)]
+    whole = glance.answer(
+        lambda radiance, seen: (radiance.shape, list(seen)), None, np.ones((3, side, side)), 5
+    )
+    assert whole == ((3, side, side), [0, 1, 2, 3, 4])
+
+
+@pytest.mark.parametrize("method", ["local", "sgd", "net"])
+def test_every_method_leaves_out_what_it_does_not_see(method, monkeypatch):
+    cube, truth = traced("patterned")
+    monkeypatch.setattr(glance, "PIXELS", truth.material.size // 4)
+    d = decompose(cube, method=method, k=3)
+    seen = d.material_probability.any(axis=(1, 2))
+    assert seen.sum() < 20 and seen[np.unique(d.material)].all()
+    np.testing.assert_allclose(d.material_probability.sum(axis=0), 1, atol=1e-5)
+    there = np.array(truth.material_names)[np.unique(truth.material)]
+    assert set(there) <= set(np.array(d.material_names)[seen])

@@ -16,7 +16,7 @@ import physics.reduced as reduced
 import physics.semiglobal as semiglobal
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
-from physics.local import solve_local
+from physics.local import HOPELESS_AMONG_NEIGHBOURS, solve_local
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, State, refine, unsmoothed
@@ -53,7 +53,8 @@ class Scene:
     def objective(self, cube=None, library=None):
         cube = cube or self.cube
         model = reduce_model(cube, library or self.library, self.environment)
-        return Objective(model, cube.radiance, solve_local(model, cube.spectra))
+        local = solve_local(model, cube.spectra, hopeless=HOPELESS_AMONG_NEIGHBOURS)
+        return Objective(model, cube.radiance, local)
 
 
 def wavelengths(bands=24):
@@ -450,7 +451,8 @@ def plain():
 def solve(library, environment, s, netd):
     cube = HeatCube(s.transpose(2, 0, 1), environment.wavelength_um, netd_k=netd)
     model = reduce_model(cube, library, environment)
-    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
+    local = solve_local(model, cube.spectra, hopeless=HOPELESS_AMONG_NEIGHBOURS)
+    objective = Objective(model, cube.radiance, local)
     return objective, refine(objective, objective.local_state()).state
 
 

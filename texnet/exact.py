@@ -3,7 +3,7 @@
 import numpy as np
 
 from physics.distill import distill
-from physics.local import solve_local
+from physics.local import HOPELESS_AMONG_NEIGHBOURS, solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine, unsmoothed
@@ -23,7 +23,9 @@ def solve(cube, library, environment, smooth, report, lap):
     """
     model = reduce_model(cube, library, environment)
     if smooth:
-        local = solve_local(model, cube.spectra, report("local"))
+        local = solve_local(
+            model, cube.spectra, report("local"), HOPELESS_AMONG_NEIGHBOURS
+        )
         lap("local")
         objective = Objective(model, cube.radiance, local)
         answer = refine(objective, objective.local_state(), report("refine"))

@@ -1,6 +1,6 @@
 """A glance from afar: which of the library's materials the scene holds at all.
 
-A model first answers a few pixels, every STEP-th of every STEP-th row, with the whole library. A
+A few pixels, every STEP-th of every STEP-th row, are first answered with the whole library. A
 material with less than SHARE of the probability there, and nowhere with OWN of a whole patch's, is
 left out when all pixels are answered. That takes less time, in proportion to the materials, and
 spares the answer some that are rare and wrong. What is left out has probability zero.
@@ -16,26 +16,25 @@ STEP = 4  # at most
 PIXELS = 5000  # of a glance, at least; smaller pictures are answered with all materials at once
 SHARE = 0.01
 PATCH, OWN = 2, 0.1  # pixels of the glance on a side, and a material's probability there
-LEAST = 2  # materials that a model can choose from
+LEAST = 2  # materials to choose from
 
 
-def answer(model, radiance, known, progress=None):
-    """Maps of a cube by the materials that it holds, as if by all.
+def answer(run, look, radiance, materials):
+    """Maps of radiance (bands, height, width) by the materials that it holds, as if by all.
 
-    model     run(radiance, known, progress) -> dict of maps, as `pipeline.decompose` takes it
-    radiance  (bands, height, width);  known   as from `physics.known.known_arrays`
+    run, look  (radiance, seen) -> dict of maps by the materials of these indices; look of the
+               glance, of which material_probability is wanted alone
+    materials  how many there are
     """
+    every = np.arange(materials)
     step = min(STEP, int(math.sqrt(radiance[0].size / PIXELS)))
     if step < 2:
-        return model(radiance, known, progress)
+        return run(radiance, every)
     afar = np.stack([band[::step, ::step] for band in scratch.parts(radiance)])
-    seen = materials_seen(model(afar, known)["material_probability"])
-    of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
-    maps = model(radiance, known | of_seen, progress)
+    seen = materials_seen(look(afar, every)["material_probability"])
+    maps = run(radiance, seen)
     maps["material"] = seen.astype(maps["material"].dtype)[maps["material"]]
-    maps["material_probability"] = _among_all(
-        maps["material_probability"], seen, len(known["is_sky"])
-    )
+    maps["material_probability"] = _among_all(maps["material_probability"], seen, materials)
     return maps
 
 

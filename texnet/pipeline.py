@@ -1,13 +1,15 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-net, net+sgd   environment from the cube -> a glance from afar at what materials there are ->
-               evidence -> network -> refinement and texture
-local, sgd     environment from the cube -> exact local solution of every pixel and material
-               -> semi-global refinement -> distilled texture, with how sure each part is
+All begin with the environment from the cube and a glance from afar at what materials there are.
+
+net, net+sgd   evidence -> network -> refinement and texture
+local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
+               distilled texture, with how sure each part is
 """
 
 import time
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -121,12 +123,24 @@ def decompose(
 
             model = torch_model(method == "net+sgd")
         known = known_arrays(cube, library, environment)
-        maps = glance.answer(model, cube.radiance, known, report("network"))
+
+        def look(radiance, seen, progress=None):
+            of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
+            return model(radiance, known | of_seen, progress)
+
+        run = partial(look, progress=report("network"))
+        maps = glance.answer(run, look, cube.radiance, len(library))
         lap("network")
     else:
         from .exact import solve  # and so does numba
 
-        maps = solve(cube, library, environment, method == "sgd", report, lap)
+        def run(radiance, seen, smooth=method == "sgd", report=report, lap=lap):
+            part = HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+            held = library.subset([library.names[i] for i in seen])
+            return solve(part, held, environment, smooth, report, lap)
+
+        look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
+        maps = glance.answer(run, look, cube.radiance, len(library))
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
