@@ -329,15 +329,16 @@ AXES = {
 
 def answer(case, method, model):
     """The Decomposition of a case; the environment is off by what the case says."""
-    environment = estimate_environment(case.cube.with_netd(), case.library, case.k)
+    environment = None
     if case.wrong_k:
+        environment = estimate_environment(case.cube, case.library, case.k)
         w, s = environment.wavelength_um, environment.radiance
         slope = radiance_derivative(w, brightness_temperature(w, s))
         environment = replace(environment, radiance=s + case.wrong_k * slope)
-    model = model if method == "net+sgd" else None
     return decompose(
-        case.cube, case.library, method=method, environment=environment, model=model
-    )
+        case.cube, case.library, method=method, k=case.k, environment=environment,
+        model=model if method == "net+sgd" else None,
+    )  # fmt: skip
 
 
 def row_of(case, d):
@@ -369,9 +370,12 @@ def row_of(case, d):
 def amplification(case, d, other):
     """Median over the ground of |T - T of another draw of noise|, over what the bound allows."""
     ground = non_sky(case.truth)
-    e = case.truth.emissivity[:, ground].T.astype(np.float64)
+    used = np.isin(case.cube.wavelength_um, d.wavelength_um)
+    e = case.truth.emissivity[used][:, ground].T.astype(np.float64)
     t = case.truth.temperature_k[ground].astype(np.float64)
-    sigma = cramer_rao(case.cube.wavelength_um, case.cube.with_netd().sigma, e, d.environment, t)
+    sigma = cramer_rao(
+        d.wavelength_um, noise_sigma(d.wavelength_um, d.netd_k), e, d.environment, t
+    )
     moved = np.abs(d.temperature_k - other.temperature_k)[ground]
     ratio = moved / (np.sqrt(2) * 0.6745 * sigma)
     return float(np.median(ratio[np.isfinite(sigma)])) if np.isfinite(sigma).any() else np.nan

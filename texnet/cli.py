@@ -382,6 +382,8 @@ def _decompose(
         run = runner(method)
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     del run, runner  # and the memory that it keeps for the next tile
+    if d.left_out:
+        cube = cube.only(np.isin(cube.wavelength_um, d.wavelength_um))
     metrics = None if truth is None else _metrics(d, cube, truth)
     paths = write_decomposition(d, cube, truth, directory, compare or truth is not None)
 
@@ -392,6 +394,7 @@ def _decompose(
     result = {
         "command": "decompose", "cube": cube_path, "method": method, "k": len(d.environment),
         "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k,
+        "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": shares, "sky_in_view": bool(d.sky),
         "unknown": d.unknown.mean(), "residual": np.median(d.residual),
@@ -455,6 +458,7 @@ def _summary(r):
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
         f"NETD {1e3 * r['netd_k']:.0f} mK",
+        *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",

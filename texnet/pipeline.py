@@ -1,5 +1,6 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
+all            bad bands are left out
 net, net+sgd   environment from the cube -> evidence -> network -> refinement and texture
 local, sgd     environment from the cube -> exact local solution of every pixel and material
                -> semi-global refinement -> distilled texture, with how sure each part is
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from physics.bad_bands import without_bad_bands
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -39,6 +41,8 @@ class Decomposition:
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, no material is likelier than not, or only the neighbours
                           speak for the one given
+    wavelength_um         (bands,) um, of the bands that were used
+    left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
     netd_k                the noise that was assumed, K
     objective             E of `physics.semiglobal` along the refinement, nats; empty for local
@@ -60,6 +64,7 @@ class Decomposition:
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
+    left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
     seconds: dict = field(default_factory=dict)
 
@@ -82,7 +87,7 @@ def decompose(
                  "local": each pixel by itself, exactly; "sgd": semi-global, from local
     k            number of environment objects, 1..10, estimated from the cube by K-means; or
                  "auto": as many as the scene supports (`physics.support`)
-    environment  take this one instead
+    environment  take this one instead, at the cube's bands
     seed         of the K-means
     model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
                  export.Runtime(FILE).run; the shipped weights in torch if None
@@ -95,7 +100,6 @@ def decompose(
     if k != "auto" and not 1 <= k <= MAX_K:
         raise InputError(f"decompose: k must be 1..{MAX_K} or auto, got {k}.")
     library = library or MaterialLibrary.starter()
-    cube = cube.with_netd()
     seconds, clock = {}, time.perf_counter()
 
     def lap(stage):
@@ -105,6 +109,13 @@ def decompose(
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
+    whole = cube.wavelength_um
+    cube, left_out = without_bad_bands(cube)
+    cube = cube.with_netd()
+    if environment is not None and left_out:
+        environment.check_bands(whole)
+        environment = environment.only(np.isin(whole, cube.wavelength_um))
+    lap("bands")
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
 
@@ -127,5 +138,5 @@ def decompose(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=cube.wavelength_um, hue_deg=library.hue_deg, netd_k=cube.netd_k,
-        objective=maps.get("objective", ()), seconds=seconds,
+        left_out=left_out, objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
