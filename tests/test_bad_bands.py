@@ -65,9 +65,9 @@ def test_many_bad_bands_are_found_at_once():
 
 
 @pytest.mark.parametrize("name", PRESETS)
-@pytest.mark.parametrize("bands", [24, 12, 8, 4, 1])
+@pytest.mark.parametrize("bands", [36, 18, 9, 4, 1])
 def test_every_band_of_a_sound_cube_is_good(name, bands):
-    cube = averaged(traced(name, 24)[0], bands)
+    cube = averaged(traced(name, 36)[0], bands)
     assert without_bad_bands(cube) == (cube, {})
 
 
@@ -79,7 +79,7 @@ def test_every_band_of_a_sound_cube_is_good(name, bands):
 def test_no_sound_band_is_left_out(make_pixels, seed, bands, k, netd, height):
     """Any noise, temperatures and materials, pixel by pixel at random."""
     cube = make_pixels(bands, k, (height, 30), netd, seed).cube
-    assert without_bad_bands(cube) == (cube, {})
+    assert without_bad_bands(cube)[1] == {}
 
 
 @pytest.mark.parametrize("netd", [0, 0.05])
@@ -124,6 +124,25 @@ def test_the_answer_is_that_of_the_cube_without_it(method, given):
     assert list(a.left_out) == [cube.wavelength_um[5]] and b.left_out == {}
     for name in ("wavelength_um", "environment", "temperature_k", "material", "texture", "unknown"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), name)
+
+
+@pytest.mark.parametrize("stripes", [1, 3])
+def test_the_noise_of_a_striped_cube_is_what_it_shows(stripes):
+    """Some of the stripes pass for scene where there are few columns; noise is never overstated."""
+    cube = traced("patterned", 36)[0]
+    off = stripes * np.random.default_rng(1).normal(size=(36, 1, cube.shape[1]))
+    s = cube.radiance + off * cube.sigma[:, None, None]
+    seen, bad = without_bad_bands(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
+    total = cube.netd_k * np.hypot(1, stripes)
+    assert not bad and 0.5 * total < seen.netd_k < 1.1 * total and seen.netd_k > cube.netd_k
+
+
+def test_noise_that_is_stated_too_low_is_seen():
+    cube = traced("forest", 36)[0]
+    low = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k / 3)
+    assert without_bad_bands(low)[0].netd_k == pytest.approx(cube.netd_k, rel=0.1)
+    high = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, 3 * cube.netd_k)
+    assert without_bad_bands(high) == (high, {})
 
 
 def test_an_environment_of_some_bands_is_that_of_their_spectra():

@@ -393,7 +393,7 @@ def _decompose(
     shares = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     result = {
         "command": "decompose", "cube": cube_path, "method": method, "k": len(d.environment),
-        "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k,
+        "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": shares, "sky_in_view": bool(d.sky),
@@ -454,10 +454,12 @@ def _runner(method, model, device):
 
 
 def _summary(r):
+    own, said = r["netd_k"], r["netd_stated_k"]
+    stated = f" ({1e3 * said:.0f} mK stated)" if said and said != own else ""
     t, shown = r["temperature_k"], list(r["materials"].items())[:6]
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
-        f"NETD {1e3 * r['netd_k']:.0f} mK",
+        f"NETD {1e3 * r['netd_k']:.0f} mK{stated}",
         *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),

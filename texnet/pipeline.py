@@ -1,6 +1,6 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-all            bad bands are left out
+all            bad bands are left out; the noise is what the cube shows, if more than stated
 net, net+sgd   environment from the cube -> evidence -> network -> refinement and texture
 local, sgd     environment from the cube -> exact local solution of every pixel and material
                -> semi-global refinement -> distilled texture, with how sure each part is
