@@ -307,16 +307,17 @@ def bench_speed(args):
 
 
 def bench_stability(args):
-    from benchmarks.stability import measure
+    from benchmarks.stability import measure, missing_table
 
     from .outputs import check_directory
     from .progress import progress_bar
 
     check_directory(args.out)
     with progress_bar() as report:
-        rows, faults = measure(args.out, progress=report)
-    text = "\n".join([*faults, f"{args.out}: stability.csv, atlas.png."])
-    return text, {"command": "bench stability", "rows": rows, "faults": faults}
+        rows, missing, faults = measure(args.out, progress=report)
+    files = f"{args.out}: stability.csv, missing.csv, atlas.png."
+    text = "\n".join([*missing_table(missing), *faults, files])
+    return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
 
 
 def bench_chart(args):
