@@ -39,7 +39,7 @@ class Decomposition:
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
     material_probability  (materials, height, width)
     unknown               True where the answer should not be trusted: nothing in the library
-                          fits, no material is likelier than not, or only the neighbours
+                          fits, no material is likely enough (`doubt`), or only the neighbours
                           speak for the one given
     wavelength_um         (bands,) um, of the bands that were used
     left_out              {wavelength_um: why} of those that were not, being dead or hot
