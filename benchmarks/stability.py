@@ -16,7 +16,15 @@ row of stability.csv:
                            deviations that the Cramer-Rao bound allows it (median over pixels)
     failure                what was raised, or what is not finite; empty if nothing
 
-atlas.png shows them all. A method is at fault (`faults`, printed) where it raises or returns what
+missing.csv has, for each of MISSING test scenes and each of its commonest materials, what is said
+of that material's pixels where the library lacks it:
+
+    covered       share of them that are unknown, or whose error of T is within two sigmas
+    unknown       share of them that are unknown
+    false_alarms  share of all other pixels that are unknown though their material is right
+    unknown_else  share of all other pixels that are unknown
+
+atlas.png shows the axes. A method is at fault (`faults`, printed) where it raises or returns what
 is not finite, or where from one level to the next its error grows while its sigma shrinks, both
 by more than a tenth.
 """
@@ -59,6 +67,8 @@ COLUMNS = (
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
+MISSING, COMMONEST, LEAST_SHARE = 8, 3, 0.02  # scenes; materials of each, and their least share
+DOUBT = ("covered", "unknown", "false_alarms", "unknown_else")
 GREY = 0.95  # emissivity that a brightness temperature is corrected for
 FAULT = 1.1
 
@@ -330,15 +340,16 @@ AXES = {
 
 def answer(case, method, model):
     """The Decomposition of a case; the environment is off by what the case says."""
-    environment = estimate_environment(case.cube.with_netd(), case.library, case.k)
+    environment = None
     if case.wrong_k:
+        environment = estimate_environment(case.cube, case.library, case.k)
         w, s = environment.wavelength_um, environment.radiance
         slope = radiance_derivative(w, brightness_temperature(w, s))
         environment = replace(environment, radiance=s + case.wrong_k * slope)
-    model = model if method == "net+sgd" else None
     return decompose(
-        case.cube, case.library, method=method, environment=environment, model=model
-    )
+        case.cube, case.library, method=method, k=case.k, environment=environment,
+        model=model if method == "net+sgd" else None,
+    )  # fmt: skip
 
 
 def row_of(case, d):
@@ -370,9 +381,12 @@ def row_of(case, d):
 def amplification(case, d, other):
     """Median over the ground of |T - T of another draw of noise|, over what the bound allows."""
     ground = non_sky(case.truth)
-    e = case.truth.emissivity[:, ground].T.astype(np.float64)
+    used = np.isin(case.cube.wavelength_um, d.wavelength_um)
+    e = case.truth.emissivity[used][:, ground].T.astype(np.float64)
     t = case.truth.temperature_k[ground].astype(np.float64)
-    sigma = cramer_rao(case.cube.wavelength_um, case.cube.with_netd().sigma, e, d.environment, t)
+    sigma = cramer_rao(
+        d.wavelength_um, noise_sigma(d.wavelength_um, d.netd_k), e, d.environment, t
+    )
     moved = np.abs(d.temperature_k - other.temperature_k)[ground]
     ratio = moved / (np.sqrt(2) * 0.6745 * sigma)
     return float(np.median(ratio[np.isfinite(sigma)])) if np.isfinite(sigma).any() else np.nan
@@ -408,6 +422,38 @@ def measured(axis, level, view, library, model):
             yield row | row_of(case, d) | {"amplification": moved}
         except InputError as e:  # one sentence instead of an answer
             yield row | dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
+
+
+def missing_rows(view, library, model):
+    """Rows of missing.csv of one scene."""
+    cube, truth = shaded(view, library)
+    seen = np.array(truth.material_names)[truth.material]
+    for name in common(truth)[:COMMONEST]:
+        gone = seen == name
+        if gone.mean() < LEAST_SHARE:
+            continue
+        case = Case(cube, truth, library.subset([m for m in library.names if m != name]))
+        for method in METHODS:
+            d = answer(case, method, model)
+            off = np.abs(d.temperature_k - truth.temperature_k)
+            right = np.array(d.material_names)[d.material] == seen
+            yield {
+                "scene": f"{view.name} {view.seed}", "missing": name, "method": method,
+                "pixels": float(gone.mean()),
+                "covered": float((d.unknown | (off <= 2 * d.temperature_sigma_k))[gone].mean()),
+                "unknown": float(d.unknown[gone].mean()),
+                "false_alarms": float((d.unknown & right)[~gone].mean()),
+                "unknown_else": float(d.unknown[~gone].mean()),
+            }  # fmt: skip
+
+
+def missing_table(rows):
+    """Lines of text: the means of missing.csv, and in how many cases 90 % are covered."""
+    for method in METHODS if rows else ():
+        of = [r for r in rows if r["method"] == method]
+        means = ", ".join(f"{name} {100 * np.mean([r[name] for r in of]):.1f} %" for name in DOUBT)
+        enough = sum(r["covered"] >= 0.9 for r in of)
+        yield f"a material missing, {method:8}{means}; 90 % covered in {enough} of {len(of)}"
 
 
 def draw(rows, path):
@@ -451,16 +497,17 @@ def _means(rows, levels, what):
 
 
 def measure(out, axes=tuple(AXES), progress=None):
-    """Write stability.csv and atlas.png into the folder out -> rows and sentences on faults.
+    """Write stability.csv, missing.csv and atlas.png into the folder out -> the rows of the
+    first two and sentences on faults.
 
-    progress  called as progress(done, total, what) after each level; what is in stability.csv
+    progress  called as progress(done, total, what) after each level; what is in the tables
               already is not measured again
     """
     from export.runtime import Runtime
 
     out.mkdir(parents=True, exist_ok=True)
     table, library = out / "stability.csv", MaterialLibrary.starter()
-    rows = [{name: _value(text) for name, text in row.items()} for row in read_csv(table)]
+    rows = _read(table)
     known = {(r["axis"], r["level"], r["scene"]) for r in rows}
     model = Runtime(ONNX).run
     jobs = [
@@ -474,7 +521,19 @@ def measure(out, axes=tuple(AXES), progress=None):
         if progress:
             progress(done, len(jobs), axis)
     draw(rows, out / "atlas.png")
-    return rows, list(faults(rows))
+    doubt = _read(out / "missing.csv")
+    for i in range(MISSING if "material missing" in axes else 0):
+        view = View("random", BASE_SEED["test"] + i)
+        if f"{view.name} {view.seed}" not in {r["scene"] for r in doubt}:
+            doubt += missing_rows(view, library, model)
+            write_csv(out / "missing.csv", doubt)
+        if progress:
+            progress(i + 1, MISSING, "missing")
+    return rows, doubt, list(faults(rows))
+
+
+def _read(table):
+    return [{name: _value(text) for name, text in row.items()} for row in read_csv(table)]
 
 
 def main():
@@ -484,10 +543,10 @@ def main():
     parser.add_argument("--json", action="store_true", help="print the rows and faults last")
     args = parser.parse_args()
     with progress_bar() as report:
-        rows, wrong = measure(args.out, args.axes, report)
-    print("\n".join(wrong) or "no faults")
+        rows, missing, wrong = measure(args.out, args.axes, report)
+    print("\n".join([*missing_table(missing), *(wrong or ["no faults"])]))
     if args.json:
-        print(json.dumps({"rows": rows, "faults": wrong}, default=float))
+        print(json.dumps({"rows": rows, "missing": missing, "faults": wrong}, default=float))
 
 
 if __name__ == "__main__":

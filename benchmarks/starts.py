@@ -26,7 +26,7 @@ from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
-from physics.local import HOPELESS_AMONG_NEIGHBOURS, solve_local
+from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine
@@ -40,7 +40,7 @@ def curves(cube, library, rng):
     environment = estimate_environment(cube, library, K)
     model = reduce_model(cube, library, environment)
     clock = time.perf_counter()
-    local = solve_local(model, cube.spectra, hopeless=HOPELESS_AMONG_NEIGHBOURS)
+    local = solve_local(model, cube.spectra)
     local_seconds = time.perf_counter() - clock
     objective = Objective(model, cube.radiance, local)
     known = known_arrays(cube, library, environment)

@@ -8,6 +8,7 @@ planck       Eq. 3 and its inverse
 eq1          Eq. 1: the differentiable renderer and the physics loss
 contrast     Eq. 7: what the contrast of a thermal image is made of
 heat_cube    HeatCube
+bad_bands    which of its bands are dead or hot, and how noisy the others are
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
 sky          the spectrum of a clear sky
 environment  Environment: the k objects that light a scene

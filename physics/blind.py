@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.cluster import KMeans
 
+from .bad_bands import without_bad_bands
 from .environment import Environment
 from .errors import InputError
 from .estimate import SAMPLES, estimate_environment, sky_pixels
@@ -65,6 +66,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     The note says in one sentence what was found and what cannot be told apart.
     Raises InputError where the cube has fewer than 20 bands, no sky, or too little beside it.
     """
+    cube, left_out = without_bad_bands(cube)
     if cube.bands < MIN_BANDS:
         raise InputError(
             f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
@@ -98,7 +100,11 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         curves = _solved_for(scene, curves)
         if progress is not None:
             progress(done + 1, ROUNDS, "library")
-    return _named(scene, curves)
+    library, note = _named(scene, curves)
+    if left_out:
+        bands = ", ".join(f"{w:.4g} um ({why})" for w, why in left_out.items())
+        note += f" Bands left out: {bands}."
+    return library, note
 
 
 class _Scene(NamedTuple):

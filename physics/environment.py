@@ -1,6 +1,6 @@
 """Environment: the k equivalent objects whose light falls on every pixel (Eq. 5)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,6 +71,13 @@ class Environment:
 
     def __len__(self):
         return len(self.radiance)
+
+    def only(self, good):
+        """The Environment of some of its bands, (bands,) bool."""
+        names = "radiance", "spread", "skylight_spread", "sky_mean", "sky_spread"
+        given = {n: a for n in names if (a := getattr(self, n)) is not None}
+        cut = {n: a[..., good] for n, a in given.items()}
+        return replace(self, wavelength_um=self.wavelength_um[good], **cut)
 
     def check_bands(self, wavelength_um):
         """Raise InputError unless (bands,) wavelength_um, a cube's, are the environment's too."""

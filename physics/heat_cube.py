@@ -28,12 +28,17 @@ def check_wavelength(wavelength_um, what):
     return w
 
 
+def lit(radiance):
+    """Where radiance is finite and positive."""
+    return (radiance > 0) & (radiance < np.inf)
+
+
 @dataclass(frozen=True, eq=False)
 class HeatCube:
     """A heat cube S, immutable.
 
-    radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive; copied
-                   unless it is read-only
+    radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive, but for
+                   bands that are so nowhere (`bad_bands` finds them); copied unless it is read-only
     wavelength_um  (bands,) band centres in um, ascending
     fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
@@ -58,18 +63,20 @@ class HeatCube:
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
                 "give one wavelength per band, bands first."
             )
-        bad = dark = 0
-        for band in scratch.parts(s):
-            bad += np.count_nonzero(~np.isfinite(band))
-            dark += np.count_nonzero(band <= 0)
-        if bad:
-            raise InputError(f"cube: {bad} values are NaN or infinite; replace or crop them.")
-        if dark:
+        seen = np.array([np.count_nonzero(lit(band)) for band in scratch.parts(s)])
+        alive = seen > 0
+        if not alive.any() or (seen[alive] < s[0].size).any():
+            counts = [
+                (np.count_nonzero(~np.isfinite(s[b])), np.count_nonzero(s[b] <= 0))
+                for b in np.flatnonzero(alive | ~alive.any())
+            ]
+            bad, dark = np.sum(counts, axis=0)
+            if bad:
+                raise InputError(f"cube: {bad} values are NaN or infinite; replace or crop them.")
             raise InputError(
-                f"cube: {dark} radiance values are zero or negative; "
-                "check the calibration and drop dead bands."
+                f"cube: {dark} radiance values are zero or negative; check the calibration."
             )
-        middle = len(w) // 2
+        middle = np.flatnonzero(alive)[alive.sum() // 2]
         typical_k = brightness_temperature(w[middle], float(np.median(s[middle])))
         if typical_k > MAX_TYPICAL_K:
             raise InputError(
@@ -109,6 +116,16 @@ class HeatCube:
         """(n, bands) float64 spectra of the pixels that index picks from `spectra`."""
         bands = scratch.parts(self.radiance)
         return np.stack([band.reshape(-1)[index].astype(np.float64) for band in bands], axis=1)
+
+    def only(self, good):
+        """The HeatCube of some of its bands, (bands,) bool."""
+        radiance = scratch.empty((np.count_nonzero(good), *self.shape), np.float32)
+        for to, b in zip(radiance, np.flatnonzero(good), strict=True):
+            to[:] = self.radiance[b]
+            scratch.release(self.radiance)
+            scratch.release(radiance)
+        radiance.setflags(write=False)
+        return HeatCube(radiance, self.wavelength_um[good], self.fwhm_um[good], self.netd_k)
 
     @property
     def sigma(self):

@@ -14,7 +14,7 @@ the prior's, which is how the solver says that it cannot know.
 
 The answer is the material of least energy, with its T and V. `unbounded` solves every
 hypothesis first as if V might be negative. Where none is, that is the answer; elsewhere it gives
-a lower bound, and hypotheses whose bound is `hopeless` nats above the pixel's best are left at it.
+a lower bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it.
 """
 
 from dataclasses import dataclass
@@ -28,10 +28,9 @@ from .planck import brightness_temperature
 from .reduced import ReducedModel, groups
 
 PIXELS_PER_BLOCK = 4096
-HOPELESS = 14.0  # nats above the best: a probability of 1e-6
-# more than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
+# More than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
 # 40,000 pixels times the materials, 18 for 1500) can make up for in `semiglobal`
-HOPELESS_AMONG_NEIGHBOURS = 30.0
+HOPELESS = 30.0  # nats
 _NEWTON_STEPS = 40
 _TAU_TOLERANCE = 1e-6
 
@@ -41,7 +40,7 @@ class LocalSolution:
     """Every material's answer, for P pixels and L materials (library order, sky included).
 
     energy         (P, L) float32, -log evidence up to one constant; +inf for the sky where
-                   there is none in view; beyond `hopeless` nats above the least, a lower bound,
+                   there is none in view; beyond HOPELESS nats above the least, a lower bound,
                    with the T that V without bounds would give, but never for the best of the
                    materials that are not sky
     temperature_k  (P, L) float32, K; of the sky, the prior's
@@ -56,12 +55,9 @@ class LocalSolution:
     row: np.ndarray
 
 
-def solve_local(
-    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS
-) -> LocalSolution:
+def solve_local(model: ReducedModel, spectra, progress=None) -> LocalSolution:
     """Solve Eq. 6 for every pixel and material of spectra (P, bands), W m-2 sr-1 um-1.
 
-    hopeless is how many nats above the best a material need not be told from a worse one;
     progress, if given, is called as progress(pixels done, pixels).
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
@@ -81,7 +77,7 @@ def solve_local(
         _solve_all(
             spectra[block], start_k[block], model.sigma, linear, square, model.gram, tables, *of_t,
             model.material, model.material == model.library.sky_index, model.mid_k,
-            hopeless, energy[block], temperature[block], sigma[block], row[block],
+            energy[block], temperature[block], sigma[block], row[block],
         )  # fmt: skip
         if progress:
             progress(block.stop, pixels)
@@ -293,7 +289,7 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
 @numba.njit(cache=True, parallel=True, fastmath=False)
 def _solve_all(
     spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material,
-    is_sky, mid, hopeless, energy, temperature, sigma, row,
+    is_sky, mid, energy, temperature, sigma, row,
 ):  # fmt: skip
     """All hypotheses of P pixels, LANES at a time: `solve_local` from plain arrays."""
     pixels, bands, rows, lanes = len(spectra), len(noise), len(gram), unbounded.LANES
@@ -327,8 +323,8 @@ def _solve_all(
         at, free = np.empty(k), np.empty(k, np.bool_)
         for p in range(count):
             _bounded(
-                p, h, gram, n, k, half, weight, mean, is_sky, hopeless, constant, value, bound,
-                tau, curvature, v, at, free, own, work,
+                p, h, gram, n, k, half, weight, mean, is_sky, constant, value, bound, tau,
+                curvature, v, at, free, own, work,
             )  # fmt: skip
             pixel = chunk * lanes + p
             for r in range(rows):
@@ -342,8 +338,8 @@ def _solve_all(
 
 @numba.njit(cache=True, fastmath=False)
 def _bounded(
-    p, h, gram, n, k, half, weight, mean, is_sky, hopeless, constant, value, bound, tau,
-    curvature, v, at, free, own, work,
+    p, h, gram, n, k, half, weight, mean, is_sky, constant, value, bound, tau, curvature, v,
+    at, free, own, work,
 ):  # fmt: skip
     """Put V's bounds on what `solve_unbounded` found for pixel p, most promising row first."""
     best, ground = np.inf, np.inf  # of all, and of those that are not sky
@@ -359,7 +355,7 @@ def _bounded(
     while True:
         least, r = np.inf, -1
         for i in range(len(value)):
-            needed = bound[i, p] < best + hopeless or (not is_sky[i] and bound[i, p] < ground)
+            needed = bound[i, p] < best + HOPELESS or (not is_sky[i] and bound[i, p] < ground)
             if needed and bound[i, p] < least:
                 least, r = bound[i, p], i
         if r < 0:

@@ -16,7 +16,7 @@ import physics.reduced as reduced
 import physics.semiglobal as semiglobal
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
-from physics.local import HOPELESS_AMONG_NEIGHBOURS, solve_local
+from physics.local import solve_local
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, State, refine, unsmoothed
@@ -53,8 +53,7 @@ class Scene:
     def objective(self, cube=None, library=None):
         cube = cube or self.cube
         model = reduce_model(cube, library or self.library, self.environment)
-        local = solve_local(model, cube.spectra, hopeless=HOPELESS_AMONG_NEIGHBOURS)
-        return Objective(model, cube.radiance, local)
+        return Objective(model, cube.radiance, solve_local(model, cube.spectra))
 
 
 def wavelengths(bands=24):
@@ -451,8 +450,7 @@ def plain():
 def solve(library, environment, s, netd):
     cube = HeatCube(s.transpose(2, 0, 1), environment.wavelength_um, netd_k=netd)
     model = reduce_model(cube, library, environment)
-    local = solve_local(model, cube.spectra, hopeless=HOPELESS_AMONG_NEIGHBOURS)
-    objective = Objective(model, cube.radiance, local)
+    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
     return objective, refine(objective, objective.local_state()).state
 
 

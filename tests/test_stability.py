@@ -1,10 +1,12 @@
 """The difficulties of the atlas are those that it names, and its faults are found."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from benchmarks import stability
-from benchmarks.stability import AXES, Case, View, amplification, faults
+from benchmarks.stability import AXES, METHODS, Case, View, amplification, faults, missing_rows
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, radiance
 from texnet.metrics import non_sky
@@ -92,6 +94,34 @@ def test_amplification_of_the_exact_solver_is_about_one(library):
     cases = [case("noise", 0.05, library, View("patterned", 7, draw=i)) for i in (0, 1)]
     a, b = (decompose(c.cube, library, method="local") for c in cases)
     assert 0.5 < amplification(cases[0], a, b) < 2
+
+
+def test_what_is_said_of_a_missing_material(library, monkeypatch):
+    """Every pixel unknown covers all, at the cost of every right pixel elsewhere; none unknown and
+    no sigma covers nothing, at no cost."""
+    def said(unknown, sigma):
+        def answer(case, method, model):
+            t = case.truth
+            names = np.array(t.material_names)
+            right = np.array([case.library.names.index(n) if n in case.library.names else 0
+                              for n in names])[t.material]  # fmt: skip
+            return SimpleNamespace(
+                material=right, material_names=case.library.names,
+                temperature_k=t.temperature_k + 1,
+                temperature_sigma_k=np.full(right.shape, sigma),
+                unknown=np.full(right.shape, unknown),
+            )  # fmt: skip
+
+        monkeypatch.setattr(stability, "answer", answer)
+        return list(missing_rows(FOREST, library, None))
+
+    rows = said(True, 0.1)
+    assert len(rows) == len(METHODS) * len({r["missing"] for r in rows}) > 0
+    for r in rows:
+        assert r["covered"] == r["unknown"] == r["false_alarms"] == r["unknown_else"] == 1
+    for r in said(False, 0.1):
+        assert r["covered"] == r["unknown"] == r["false_alarms"] == r["unknown_else"] == 0
+    assert all(r["covered"] == 1 and r["unknown"] == 0 for r in said(False, 0.6))
 
 
 def test_faults_are_found():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.local import HOPELESS, HOPELESS_AMONG_NEIGHBOURS, solve_given, solve_local
+from physics.local import HOPELESS, solve_given, solve_local
 from physics.reduced import reduce_model
 from physics.unbounded import LANES, solve_unbounded, tables, times
 
@@ -60,22 +60,21 @@ def test_it_is_a_lower_bound_and_exact_where_no_lighting_factor_is_negative(make
         assert (bound > value)[done & ~positive].mean() > 0.5
 
 
-@pytest.mark.parametrize("hopeless", [HOPELESS, HOPELESS_AMONG_NEIGHBOURS])
 @pytest.mark.parametrize("k, bands", [(1, 54), (4, 54), (8, 54), (5, 3)])
-def test_what_is_pruned_is_hopeless(make_pixels, k, bands, hopeless):
+def test_what_is_pruned_is_hopeless(make_pixels, k, bands):
     p = make_pixels(bands=bands, k=k, shape=(9, 11), seed=k, netd=0.3)  # no multiple of LANES
     model = reduce_model(p.cube, p.library, p.environment)
-    local = solve_local(model, p.cube.spectra, hopeless=hopeless)
+    local = solve_local(model, p.cube.spectra)
     best, zero = local.energy.min(axis=1), np.zeros(99)
     pruned = 0
     for m in range(len(p.library)):
         row = np.full(99, m)
         exact, t, _, sigma = solve_given(model, p.cube.spectra, row, p.temperature, zero, zero)
-        near = exact < best + hopeless
+        near = exact < best + HOPELESS
         np.testing.assert_allclose(local.energy[near, m], exact[near], atol=1e-3)
         np.testing.assert_allclose(local.temperature_k[near, m], t[near], atol=1e-2)
         np.testing.assert_allclose(local.sigma_k[near, m], sigma[near], rtol=1e-3)
-        assert (local.energy[~near, m] > best[~near] + hopeless - 1e-3).all()
+        assert (local.energy[~near, m] > best[~near] + HOPELESS - 1e-3).all()
         assert (local.energy[~near, m] <= exact[~near] * (1 + 1e-5) + 1e-3).all()
         pruned += (local.energy[:, m] < exact - 1e-3).sum()
     assert k == 1 or bands == 3 or pruned > 0

@@ -11,6 +11,7 @@ import math
 import time
 from importlib.resources import files
 
+from physics.bad_bands import without_bad_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
@@ -35,7 +36,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     Raises InputError with what the fastest takes if none fits.
     """
     start = time.perf_counter()
-    cube = cube.with_netd()
+    cube = without_bad_bands(cube)[0].with_netd()
     if k == "auto":
         from physics.support import supported_count  # numba takes a second to load
 

@@ -307,16 +307,17 @@ def bench_speed(args):
 
 
 def bench_stability(args):
-    from benchmarks.stability import measure
+    from benchmarks.stability import measure, missing_table
 
     from .outputs import check_directory
     from .progress import progress_bar
 
     check_directory(args.out)
     with progress_bar() as report:
-        rows, faults = measure(args.out, progress=report)
-    text = "\n".join([*faults, f"{args.out}: stability.csv, atlas.png."])
-    return text, {"command": "bench stability", "rows": rows, "faults": faults}
+        rows, missing, faults = measure(args.out, progress=report)
+    files = f"{args.out}: stability.csv, missing.csv, atlas.png."
+    text = "\n".join([*missing_table(missing), *faults, files])
+    return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
 
 
 def bench_chart(args):
@@ -382,6 +383,8 @@ def _decompose(
         run = runner(method)
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     del run, runner  # and the memory that it keeps for the next tile
+    if d.left_out:
+        cube = cube.only(np.isin(cube.wavelength_um, d.wavelength_um))
     metrics = None if truth is None else _metrics(d, cube, truth)
     paths = write_decomposition(d, cube, truth, directory, compare or truth is not None)
 
@@ -391,7 +394,8 @@ def _decompose(
     shares = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     result = {
         "command": "decompose", "cube": cube_path, "method": method, "k": len(d.environment),
-        "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k,
+        "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
+        "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": shares, "sky_in_view": bool(d.sky),
         "unknown": d.unknown.mean(), "residual": np.median(d.residual),
@@ -451,10 +455,13 @@ def _runner(method, model, device):
 
 
 def _summary(r):
+    own, said = r["netd_k"], r["netd_stated_k"]
+    stated = f" ({1e3 * said:.0f} mK stated)" if said and said != own else ""
     t, shown = r["temperature_k"], list(r["materials"].items())[:6]
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
-        f"NETD {1e3 * r['netd_k']:.0f} mK",
+        f"NETD {1e3 * r['netd_k']:.0f} mK{stated}",
+        *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",

@@ -3,13 +3,22 @@
 import numpy as np
 
 from physics.distill import distill
-from physics.local import HOPELESS_AMONG_NEIGHBOURS, solve_local
+from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine, unsmoothed
 from physics.tiles import TILE_BYTES, run_tiled
 
-from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OTHER_K, OWN_PROBABILITY, RIM_NATS
+from .doubt import (
+    AIR_SIGMA_K,
+    CHI2_SIGMAS,
+    LIKELY,
+    LOCAL_TRUST,
+    OTHER_K,
+    OWN_PROBABILITY,
+    RIM_NATS,
+    SGD_TRUST,
+)
 
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
@@ -23,14 +32,12 @@ def solve(cube, library, environment, smooth, report, lap):
     """
     model = reduce_model(cube, library, environment)
     if smooth:
-        local = solve_local(
-            model, cube.spectra, report("local"), HOPELESS_AMONG_NEIGHBOURS
-        )
+        local = solve_local(model, cube.spectra, report("local"))
         lap("local")
         objective = Objective(model, cube.radiance, local)
         answer = refine(objective, objective.local_state(), report("refine"))
         lap("refine")
-        maps = _maps(cube.radiance, library, environment, model, local, answer)
+        maps = _maps(cube.radiance, library, environment, model, local, answer, SGD_TRUST)
         lap("texture")
         return maps | {"objective": answer.objective}
 
@@ -38,7 +45,7 @@ def solve(cube, library, environment, smooth, report, lap):
         spectra = part.reshape(cube.bands, -1).T
         local = solve_local(model, spectra)
         answer = unsmoothed(model, spectra, local)
-        return _maps(part, library, environment, model, local, answer)
+        return _maps(part, library, environment, model, local, answer, LOCAL_TRUST)
 
     pixels = TILE_BYTES / (BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands)
     maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"))
@@ -62,8 +69,11 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
     )
 
 
-def _maps(radiance, library, environment, model, local, answer):
-    state, probability, bands = answer.state, answer.probability, len(radiance)
+def _maps(radiance, library, environment, model, local, answer, trust):
+    state, bands = answer.state, len(radiance)
+    trust = min(1.0, trust * bands**-0.5)
+    probability = answer.probability**trust
+    probability /= probability.sum(axis=1, keepdims=True)
     spectra = radiance.reshape(bands, -1).T
     texture, sky_texture, residual = distill(
         model, spectra, state.row, state.temperature_k, state.thermal_lighting
@@ -77,14 +87,16 @@ def _maps(radiance, library, environment, model, local, answer):
     variance = (probability * (local.sigma_k**2 + (local.temperature_k - t[:, None]) ** 2)).sum(1)
     p = np.arange(len(t))
     doubt = OTHER_K**2 * (1 - probability[p, state.material])
-    sigma = np.sqrt(np.maximum(variance, own_sigma**2) + doubt)
+    # and a misfit beyond the noise does (Birge's ratio)
+    variance = np.maximum(variance, own_sigma**2) * np.maximum(residual, 1) ** 2
+    sigma = np.sqrt(variance + doubt)
     sigma = np.where(sky, own_sigma, sigma)
     # chi^2 far beyond its spread; or no material likelier than not; or the pixel's own
     # evidence against what its neighbours made of it
-    own = np.exp(local.energy.min(axis=1) - local.energy[p, state.material])
-    own /= np.exp(local.energy.min(axis=1, keepdims=True) - local.energy).sum(axis=1)
+    own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
+    own = own[p, state.material] / own.sum(axis=1)
     unknown = residual**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / bands)
-    unknown |= (probability[p, state.material] < 0.5) | (own < OWN_PROBABILITY)
+    unknown |= (probability[p, state.material] < LIKELY) | (own < OWN_PROBABILITY)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )

@@ -33,10 +33,15 @@ def evaluate(decomposition, truth):
     abstention              fraction of all pixels marked unknown
     accuracy_answered       material accuracy of the others
 
-    NaN where there is nothing to compare. Raises InputError if the sizes differ.
+    Bands that the decomposition left out do not count. NaN where there is nothing to compare.
+    Raises InputError if the sizes differ.
     """
     d = decomposition
-    if d.texture.shape != truth.texture.shape:
+    texture = truth.texture
+    if len(d.texture) < len(texture):
+        used = np.isclose(truth.wavelength_um[:, None], d.wavelength_um, rtol=0, atol=1e-4)
+        texture = texture[used.any(axis=1)]
+    if d.texture.shape != texture.shape:
         raise InputError(
             f"metrics: the cube has {d.texture.shape} bands, height, width "
             f"but its truth {truth.texture.shape}."
@@ -54,7 +59,7 @@ def evaluate(decomposition, truth):
         "mean_iou": _mean([_iou(predicted == m, true == m) for m in np.unique(true)]),
         "cross_entropy": _mean(-np.log(_true_probability(d, true))),
         "texture_mse_per_band": _mean(
-            (d.texture[:, ground].astype(np.float64) - truth.texture[:, ground]) ** 2
+            (d.texture[:, ground].astype(np.float64) - texture[:, ground]) ** 2
         ),
         "texture_correlation": scores["correlation"],
         "texture_gradient_correlation": scores["gradient_correlation"],

@@ -31,7 +31,7 @@ from physics.refinement import (
     refine,
 )  # fmt: skip
 
-from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, OTHER_K, OWN_PROBABILITY, RIM_NATS
+from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, OTHER_K, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # refined per pixel
@@ -117,21 +117,22 @@ class TeXModel(nn.Module):
         doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
         of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
         variance = torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
-        sigma = (variance + OTHER_K**2 * (1 - of_m(p)).clamp(min=0)).sqrt()
         temperature = known.prior_k[0] + known.prior_k[1] * t
         # the air is as warm as its opaque bands look
         temperature = torch.where(empty, air, temperature)
-        sigma = torch.where(empty, AIR_SIGMA_K, sigma)
 
         final = torch.where(empty, best, before)
         hot = one_hot(row.gather(0, final)[0], 2 * materials)
         x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
         off = deviations(h, z, x, hot, t, v)
         texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
+        # a misfit beyond the noise widens sigma (Birge's ratio)
+        variance = variance * misfit.clamp(min=1) ** 2 + OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
+        sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
         visible = (~empty).float()
         bands = radiance.shape[0]
         unknown = (misfit**2 > 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) & ~empty
-        unknown = unknown | (of_m(p) < 0.5) | (of_m(torch.softmax(own, 0)) < OWN_PROBABILITY)
+        unknown = unknown | (of_m(p) < NET_LIKELY) | (of_m(torch.softmax(own, 0)) < OWN_PROBABILITY)
         maps = lambda a: a.unflatten(-1, shape)  # noqa: E731
         return TeX(
             maps(p), maps(material), maps(temperature), maps(sigma), maps(v * visible),

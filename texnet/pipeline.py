@@ -1,6 +1,7 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-All begin with the environment from the cube and a glance from afar at what materials there are.
+Bad bands are left out, and the noise is what the cube shows, if more than stated. Then comes the
+environment from the cube and a glance from afar at what materials there are, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -13,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from physics.bad_bands import without_bad_bands
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -42,8 +44,10 @@ class Decomposition:
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
     material_probability  (materials, height, width); zero what `glance` did not see
     unknown               True where the answer should not be trusted: nothing in the library
-                          fits, no material is likelier than not, or only the neighbours
+                          fits, no material is likely enough (`doubt`), or only the neighbours
                           speak for the one given
+    wavelength_um         (bands,) um, of the bands that were used
+    left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
     netd_k                the noise that was assumed, K
     objective             E of `physics.semiglobal` along the refinement, nats; empty for local
@@ -65,6 +69,7 @@ class Decomposition:
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
+    left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
     seconds: dict = field(default_factory=dict)
 
@@ -87,7 +92,7 @@ def decompose(
                  "local": each pixel by itself, exactly; "sgd": semi-global, from local
     k            number of environment objects, 1..10, estimated from the cube by K-means; or
                  "auto": as many as the scene supports (`physics.support`)
-    environment  take this one instead
+    environment  take this one instead, at the cube's bands
     seed         of the K-means
     model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
                  export.Runtime(FILE).run; the shipped weights in torch if None
@@ -100,7 +105,6 @@ def decompose(
     if k != "auto" and not 1 <= k <= MAX_K:
         raise InputError(f"decompose: k must be 1..{MAX_K} or auto, got {k}.")
     library = library or MaterialLibrary.starter()
-    cube = cube.with_netd()
     seconds, clock = {}, time.perf_counter()
 
     def lap(stage):
@@ -110,6 +114,13 @@ def decompose(
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
+    whole = cube.wavelength_um
+    cube, left_out = without_bad_bands(cube)
+    cube = cube.with_netd()
+    if environment is not None and left_out:
+        environment.check_bands(whole)
+        environment = environment.only(np.isin(whole, cube.wavelength_um))
+    lap("bands")
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
 
@@ -145,5 +156,5 @@ def decompose(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=cube.wavelength_um, hue_deg=library.hue_deg, netd_k=cube.netd_k,
-        objective=maps.get("objective", ()), seconds=seconds,
+        left_out=left_out, objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from physics.bad_bands import without_bad_bands
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
@@ -26,7 +27,7 @@ class Crops(Dataset):
     def __init__(self, cubes, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
         for cube in cubes:
-            cube = cube.with_netd()
+            cube = without_bad_bands(cube)[0].with_netd()
             most = min(OBJECTS[1], cube.shape[0] * cube.shape[1])
             known = []
             for k in range(OBJECTS[0], most + 1):

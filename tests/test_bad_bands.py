@@ -1,0 +1,169 @@
+"""Bands that tell nothing of the scene are left out, and no other."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from traced import averaged, one_thread, traced  # noqa: F401
+
+from physics import Environment, HeatCube, MaterialLibrary, scratch
+from physics.bad_bands import without_bad_bands
+from physics.estimate import estimate_environment
+from physics.planck import noise_sigma, radiance
+from physics.simulator.presets import PRESETS
+from texnet.cli import main
+from texnet.cube_io import write_cube
+from texnet.pipeline import decompose
+
+LIBRARY = MaterialLibrary.starter()
+
+
+def patterned(bands=54):
+    cube = traced("patterned", 54, (20, 30), 8)[0]
+    return cube if bands == 54 else averaged(cube, bands)
+
+
+def spoilt(cube, band, how, seed=0):
+    """The cube with one bad band."""
+    s, rng = cube.radiance.copy(), np.random.default_rng(seed)
+    sigma = noise_sigma(cube.wavelength_um[band], 0.05)
+    noise = sigma * rng.standard_normal(cube.shape)
+    s[band] = {
+        "its mean": np.full(cube.shape, s[band].mean()), "zero": np.zeros(cube.shape),
+        "NaN": np.full(cube.shape, np.nan), "noise alone": s[band].mean() + noise,
+        "noise of 0.5 K": np.maximum(s[band] + 10 * noise, 1e-3),
+        "stripes": np.maximum(s[band] + 10 * noise[:1], 1e-3),
+    }[how]  # fmt: skip
+    return HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+
+
+HOW = ("its mean", "zero", "NaN", "noise alone", "noise of 0.5 K", "stripes")
+
+
+@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize("bands, band", [(54, 1), (54, 17), (18, 16), (9, 4)])
+def test_a_bad_band_is_found_and_no_other(how, bands, band):
+    cube = patterned(bands)
+    left, bad = without_bad_bands(spoilt(cube, band, how))
+    assert list(bad) == [cube.wavelength_um[band]]
+    good = np.arange(bands) != band
+    np.testing.assert_array_equal(left.radiance, cube.radiance[good])
+    np.testing.assert_array_equal(left.fwhm_um, cube.fwhm_um[good])
+    assert left.netd_k == cube.netd_k
+
+
+def test_many_bad_bands_are_found_at_once():
+    cube = patterned()
+    which = np.random.default_rng(3).permutation(np.arange(1, 53))[:12]
+    for band, how in zip(which, 2 * HOW, strict=True):
+        cube = spoilt(cube, band, how, band)
+    left, bad = without_bad_bands(cube)
+    assert list(bad) == sorted(cube.wavelength_um[which])
+    assert without_bad_bands(left) == (left, {})
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("bands", [36, 18, 9, 4, 1])
+def test_every_band_of_a_sound_cube_is_good(name, bands):
+    cube = averaged(traced(name, 36)[0], bands)
+    assert without_bad_bands(cube) == (cube, {})
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.differing_executors])
+@given(
+    seed=st.integers(0, 2**16), bands=st.integers(1, 60), k=st.integers(1, 5),
+    netd=st.floats(1e-3, 2), height=st.integers(1, 40),
+)  # fmt: skip
+def test_no_sound_band_is_left_out(make_pixels, seed, bands, k, netd, height):
+    """Any noise, temperatures and materials, pixel by pixel at random."""
+    cube = make_pixels(bands, k, (height, 30), netd, seed).cube
+    assert without_bad_bands(cube)[1] == {}
+
+
+@pytest.mark.parametrize("netd", [0, 0.05])
+def test_where_no_band_shows_anything_none_is_bad(netd):
+    w = np.linspace(8, 14, 20)
+    s = radiance(w, 290.0)[:, None, None] * np.ones((20, 30, 40))
+    s += noise_sigma(w, netd)[:, None, None] * np.random.default_rng(0).normal(size=s.shape)
+    assert without_bad_bands(cube := HeatCube(s, w)) == (cube, {})
+
+
+def test_with_few_bands_only_one_number_everywhere_is_certain():
+    cube = patterned(3)
+    for how in HOW:
+        assert len(without_bad_bands(spoilt(cube, 1, how))[1]) == (how in HOW[:3])
+
+
+def test_an_opaque_band_before_a_scene_as_warm_as_the_air_is_not_bad():
+    """It shows nothing but noise, as do its neighbours nearly."""
+    w = np.linspace(8, 14, 54)
+    sky = np.arange(40) < 20
+    opacity = np.clip(np.abs(w - 10.5) / 3, 0.1, 1)[:, None, None]
+    s = radiance(w, 288.0)[:, None, None] * np.where(sky, opacity, 1) * np.ones((54, 30, 40))
+    s += noise_sigma(w, 0.05)[:, None, None] * np.random.default_rng(0).normal(size=s.shape)
+    assert without_bad_bands(cube := HeatCube(s, w)) == (cube, {})
+
+
+def test_a_large_cube_stays_in_its_file(monkeypatch):
+    monkeypatch.setattr(scratch, "LARGE", 1)
+    left = without_bad_bands(spoilt(patterned(), 7, "zero"))[0]
+    assert isinstance(left.radiance.base, np.memmap) and left.bands == 53
+
+
+@pytest.mark.parametrize("method", ["local", "net+sgd"])
+@pytest.mark.parametrize("given", [True, False])
+def test_the_answer_is_that_of_the_cube_without_it(method, given):
+    cube, good = patterned(18), np.arange(18) != 5
+    sound = cube.only(good)
+    environment = estimate_environment(cube, LIBRARY) if given else None
+    of_sound = environment.only(good) if given else None
+    a = decompose(spoilt(cube, 5, "its mean"), LIBRARY, method=method, environment=environment)
+    b = decompose(sound, LIBRARY, method=method, environment=of_sound)
+    assert list(a.left_out) == [cube.wavelength_um[5]] and b.left_out == {}
+    for name in ("wavelength_um", "environment", "temperature_k", "material", "texture", "unknown"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), name)
+
+
+@pytest.mark.parametrize("stripes", [1, 3])
+def test_the_noise_of_a_striped_cube_is_what_it_shows(stripes):
+    """Some of the stripes pass for scene where there are few columns; noise is never overstated."""
+    cube = traced("patterned", 36)[0]
+    off = stripes * np.random.default_rng(1).normal(size=(36, 1, cube.shape[1]))
+    s = cube.radiance + off * cube.sigma[:, None, None]
+    seen, bad = without_bad_bands(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
+    total = cube.netd_k * np.hypot(1, stripes)
+    assert not bad and 0.5 * total < seen.netd_k < 1.1 * total and seen.netd_k > cube.netd_k
+
+
+def test_noise_that_is_stated_too_low_is_seen():
+    cube = traced("forest", 36)[0]
+    low = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k / 3)
+    assert without_bad_bands(low)[0].netd_k == pytest.approx(cube.netd_k, rel=0.1)
+    high = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, 3 * cube.netd_k)
+    assert without_bad_bands(high) == (high, {})
+
+
+def test_an_environment_of_some_bands_is_that_of_their_spectra():
+    cube, good = patterned(18), np.arange(18) % 3 != 1
+    e = estimate_environment(cube, LIBRARY)
+    cut = e.only(good)
+    for name in ("radiance", "spread", "skylight_spread", "sky_spread", "sky_mean"):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(e, name)[..., good], name)
+    assert cut.sky == e.sky and cut.error_k == e.error_k
+    w = cube.wavelength_um
+    assert Environment(radiance(w, np.array([[280.0]])), w).only(good).sky_mean is None
+
+
+def test_the_command_line_says_which_and_why(tmp_path, capfd):
+    cube, truth = traced("patterned", 24)
+    write_cube(spoilt(cube, 11, "zero"), tmp_path / "cube.npz")
+    truth.save(tmp_path / "cube.truth.npz")
+    words = ["decompose", tmp_path / "cube.npz", "--out", tmp_path / "out", "--method", "local"]
+    assert main([*map(str, words), "--json"]) == 0
+    *text, last = capfd.readouterr().out.splitlines()
+    answer = json.loads(last)
+    said = [{"wavelength_um": cube.wavelength_um[11], "why": "the same everywhere"}]
+    assert answer["left_out"] == said and answer["metrics"]["material_accuracy"] > 0.5
+    assert any(line.startswith("Left out") and "the same everywhere" in line for line in text)
