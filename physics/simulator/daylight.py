@@ -6,9 +6,9 @@ along a path of surfaces 0, 1, 2, ... that ends in the sky or by roulette,
 
     L = sum_d (prod_{i < d} a_i / q_i) a_d sun_d E + (prod_{i < end} a_i / q_i) L_sky,    q_0 = 1
 
-with E = SUN_RGB, pi times less than the sunlight on a surface that faces it, and L_sky = SKY_RGB
-from all of the sky; the last term only of a path that ends there. The image of the sun in a
-mirror is left out. A closed scene is lit from the camera, and its walls light nothing.
+with E = SUN_RGB, the irradiance of what faces the sun over pi, sun_d from the path (`Paths`), and
+L_sky = SKY_RGB in all directions; the last term only where the path ends in the sky. The image of
+the sun in a mirror is left out. A closed scene is lit from the camera, and its walls light nothing.
 """
 
 import numpy as np

@@ -106,8 +106,6 @@ class Tracer:
         Raises InputError where rays leave a scene without atmosphere.
         """
         closed = self.scene.atmosphere is None
-        if closed:  # lit from the camera, with one bounce
-            q_day = q
         n = len(pixels) * spp
         eye = np.asarray(self.scene.camera.position, np.float32)
         jitter = _stratified(len(pixels), spp, rng, shuffled=False)

@@ -221,7 +221,9 @@ def trace_on_demand(scene, size, spp, seed, library):
     library = library.subset(dict.fromkeys(o.material for o in scene.objects))
     tracer = Tracer(scene, library)
     q = roulette(library.emissivity)
-    q_day = np.maximum(q, roulette(1 - library.albedo_rgb))
+    q_day = q  # a closed scene is lit from the camera, with one bounce
+    if scene.atmosphere is not None:
+        q_day = np.maximum(q, roulette(1 - library.albedo_rgb))
     low, high = tracer.temperature_k.min(), tracer.temperature_k.max()
     return TracedScene(
         (height, width), spp, seed, library.names, q, q_day, (float(low), float(high)),
