@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+from scipy.spatial import cKDTree
 
 from physics.errors import InputError
 from physics.library import MaterialLibrary
 from physics.simulator import geometry as g
 from physics.simulator.presets import PRESETS, preset
+from physics.simulator.presets.patches import patches
 from physics.simulator.presets.random_scene import MATERIALS
 
 TRIANGLES = {  # fewest and most that each preset may have
@@ -170,6 +172,14 @@ def test_patches_differ_only_between_each_other():
         assert np.ptp(o.temperature_k) == 0
     filled = shares("patches")
     assert min(filled[m] for m in ("snow", "grass", "sand")) > 0.2
+
+
+def test_finer_patches_are_the_same_surfaces():
+    coarse, fine = patches(3), patches(3, fineness=2)
+    for a, b in zip(coarse.objects, fine.objects, strict=True):
+        assert len(b.mesh.faces) > len(a.mesh.faces)
+        off, _ = cKDTree(b.mesh.vertices).query(a.mesh.vertices)
+        assert off.max() < 1e-9, a.name
 
 
 def test_patterned_temperature_ignores_the_relief():

@@ -67,16 +67,6 @@ def test_relief_shows_by_day_and_hardly_in_the_thermal_picture():
     assert contrasts(sheet_scene(waves, "sand"))[1] > 3 * thermal
 
 
-def test_light_of_more_bounces_fills_the_hollows():
-    waves = lambda xy: 0.03 * np.sin(2 * np.pi * xy[:, 0] / 0.25)  # noqa: E731
-    lit = [ghosting.skylight(sheet_scene(waves), SIZE, 16, seed) for seed in (1, 2)]
-    once, often = zip(*lit, strict=True)
-    assert (often[0] >= once[0]).all() and np.mean(often) > 1.05 * np.mean(once)
-    assert ghosting.rms_contrast(*often) < 0.9 * ghosting.rms_contrast(*once)
-    flat = ghosting.skylight(sheet_scene(lambda xy: 0 * xy[:, 0]), SIZE, 4, 1)
-    assert np.array_equal(*flat)  # a plane does not see itself
-
-
 def test_contrast_is_that_of_the_picture_whatever_the_noise_and_the_gain(rng):
     x = np.linspace(0, 8 * np.pi, 400, endpoint=False)
     wave = np.broadcast_to(1 + 0.03 * np.sin(x), (400, 400))

@@ -257,7 +257,7 @@ def traced(objects, camera, spp=64, size=(20, 30)):
     scene = Scene(objects, camera, Atmosphere())
     q = roulette(OUTDOOR.at(BANDS))
     rng = np.random.default_rng(0)
-    return Tracer(scene, OUTDOOR).paths(size, range(size[0] * size[1]), spp, q, rng)
+    return Tracer(scene, OUTDOOR).paths(size, range(size[0] * size[1]), spp, q, q, rng)
 
 
 def test_first_directions_follow_lamberts_law():
@@ -368,7 +368,7 @@ def test_paths_may_be_shaded_with_another_library(naive):
     tracer, runs = Tracer(scene, lib), []
     shader = Shader.build(BANDS, lib.at(BANDS), q, (295.0, 300.0), scene.atmosphere)
     for seed in range(16):
-        paths = tracer.paths((12, 16), range(192), 16, q, np.random.default_rng(seed))
+        paths = tracer.paths((12, 16), range(192), 16, q, q, np.random.default_rng(seed))
         runs.append(shade(paths, shader, 16).radiance.T.reshape(3, 12, 16))
     assert_same_image(np.array(runs), mean, error)
 
@@ -378,8 +378,9 @@ def test_paths_may_be_shaded_with_another_library(naive):
 
 def one_surface_paths(material, value):
     n = len(value)
-    return Paths(np.arange(n + 1), np.full(n, material, np.uint16), value.astype(np.float32),
-                 np.zeros(n, np.float32), np.ones(1))  # fmt: skip
+    start = np.arange(n + 1)
+    return Paths(start, start[1:], np.full(n, material, np.uint16), value.astype(np.float32),
+                 np.zeros(n, np.float32), np.ones(1), np.ones(1))  # fmt: skip
 
 
 def test_tables_of_planck_and_sky_are_finer_than_the_noise():

@@ -25,7 +25,8 @@ BLACK, ORANGE, SKY_BLUE, GREEN, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
 NOTHING = "#cfe0f0"  # where a picture has no value, as in the sky
-WIDTH_INCHES, DPI, TEXT = 10.0, 100, 10  # 1000 pixels wide, text legible a little smaller
+WIDTH_INCHES, TEXT = 10.0, 10
+SCREEN_DPI, PRINT_DPI = 100, 300  # 1000 pixels wide, text legible a little smaller; 3000
 
 
 def night(name, full=False, progress=None, *, size=None, bands=BANDS, spp=SPP, exposure=0):
@@ -60,13 +61,18 @@ def true_vision(truth):
     return tex_vision(SimpleNamespace(**vars(truth), hue_deg=hue_deg))
 
 
+def dpi(shape):
+    """Dots per inch for pictures of shape (height, width); large ones are for print."""
+    return PRINT_DPI if shape[1] >= FULL_SIZE[1] else SCREEN_DPI
+
+
 def panels(rows, columns, shape, more_inches=0.0):
     """(Figure, axes (rows, columns)) for pictures of shape (height, width), captions below.
 
     more_inches  of height per row, for captions of more than one line
     """
     height = WIDTH_INCHES / columns * shape[0] / shape[1] + 0.6 + more_inches
-    fig = Figure(figsize=(WIDTH_INCHES, rows * height), dpi=DPI, layout="constrained")
+    fig = Figure(figsize=(WIDTH_INCHES, rows * height), dpi=dpi(shape), layout="constrained")
     return fig, fig.subplots(rows, columns, squeeze=False)
 
 

@@ -4,10 +4,11 @@
 from its response. A thermal camera sees glow and scattered light in the same band.
 
 (b) Snow, grass and sand, each of one material and one temperature, so that all texture is
-geometry (the meshes of the preset `patches`, the camera close to one of them). One set of light
-paths gives the picture by day (luminance under sun and sky) and the picture of a broadband
-thermal camera at night (8-14 um). Both have the same pixels and the same signal-to-noise ratio,
-mean over standard deviation of the noise: that of the thermal camera, NETD 50 mK at 300 K.
+geometry (the preset `patches` with finer meshes, the camera close to one of them). One set of
+light paths gives the picture by day (luminance under sun and sky) and the picture of a broadband
+thermal camera at night (8-14 um), each with all bounces. Both have the same pixels and the same
+signal-to-noise ratio, mean over standard deviation of the noise: that of the thermal camera,
+NETD 50 mK at 300 K.
 
 Texture is measured as RMS contrast (Peli 1990), the standard deviation over the mean. Noise of
 sensor and of paths is taken out: the variance is the covariance of two exposures with paths and
@@ -20,9 +21,6 @@ ghosting.csv, one row per material:
     signal_to_noise                  of both pictures
     visible_/thermal_contrast        RMS contrast
     contrast_ratio                   visible over thermal
-    skylight_contrast_first_bounce, skylight_contrast_all_bounces
-                                     without the sun, what the visible picture leaves out: it
-                                     has light that was scattered once alone
 """
 
 from dataclasses import dataclass, replace
@@ -36,8 +34,7 @@ from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.planck import noise_sigma, radiance
 from physics.simulator import Camera, simulate
-from physics.simulator.presets import preset
-from physics.simulator.traced import trace_on_demand
+from physics.simulator.presets.patches import patches
 
 from . import common
 
@@ -46,7 +43,9 @@ SUN_RADIUS_M, SUN_DISTANCE_M = 6.957e8, 1.495978707e11
 VISIBLE_UM, THERMAL_UM = (0.4, 0.7), (8.0, 14.0)
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear RGB, ITU-R BT.709
 X_M = {"snow": -2.6, "grass": 0.0, "sand": 2.95}  # the middle of each patch
-SIZE, FULL_SIZE, SPP = (180, 320), (1080, 1920), 128
+FINENESS = 4  # facets of 1 cm
+SIZE, SPP = (180, 320), 128
+FULL_SPP = 32  # as many paths in a dot of the printed picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,17 +67,13 @@ class Exposure:
 
 def reproduce(out, full, progress):
     """ghosting.csv and ghosting.png in the folder out."""
-    size = FULL_SIZE if full else SIZE
-    rows, pictures, patches = [], {}, preset("patches", common.SEED)
+    size, spp = (common.FULL_SIZE, FULL_SPP) if full else (SIZE, SPP)
+    rows, pictures, all_three = [], {}, patches(common.SEED, FINENESS)
     for name in X_M:
-        report, scene = common.stage(progress, f"simulate {name}"), close_up(patches, name)
+        report, scene = common.stage(progress, f"simulate {name}"), close_up(all_three, name)
         seeds = common.SEED, common.SEED + 1
-        first, second = (expose(scene, size, SPP, seed, report) for seed in seeds)
-        lit = zip(*(skylight(scene, size, SPP // 4, seed) for seed in seeds), strict=True)
-        rows.append(measure(scene, name, first, second) | {
-            f"skylight_contrast_{which}": rms_contrast(*pair)
-            for which, pair in zip(("first_bounce", "all_bounces"), lit, strict=True)
-        })  # fmt: skip
+        first, second = (expose(scene, size, spp, seed, report) for seed in seeds)
+        rows.append(measure(scene, name, first, second))
         pictures[name] = first
     write_csv(out / "ghosting.csv", rows)
     _draw(rows, pictures, out / "ghosting.png")
@@ -90,10 +85,10 @@ def reproduce(out, full, progress):
     return "\n".join(lines), {"rows": rows}
 
 
-def close_up(patches, name):
+def close_up(scene, name):
     """The preset `patches` with its camera close to one patch, which fills the picture."""
     x = X_M[name]
-    return replace(patches, camera=Camera((x, -0.6, 2.3), (x, 2.6, 0.05), 15))
+    return replace(scene, camera=Camera((x, -0.6, 2.3), (x, 2.6, 0.05), 15))
 
 
 def expose(scene, size, spp, seed, progress=None):
@@ -113,26 +108,6 @@ def expose(scene, size, spp, seed, progress=None):
         visible + visible.mean() * noise[0], thermal + thermal.mean() * noise[1], sigma,
         thermal.mean() - scattering, scattering,
     )  # fmt: skip
-
-
-def skylight(scene, size, spp, seed):
-    """Light of the sky that falls on what is seen (height, width): at once, and by any bounces.
-
-    Its own light at 11 um, scattered as visible light is: up to a scale a clear sky by day,
-    which is as uneven, if not alike.
-    """
-    starter = MaterialLibrary.starter()
-    albedo = starter.albedo_rgb @ LUMINANCE
-    w = np.array([10.0, 12.0])
-    lit, black = (
-        MaterialLibrary(starter.names, w, np.stack([e, e], axis=1))
-        for e in (1 - albedo, np.ones_like(albedo))
-    )
-    traced = trace_on_demand(scene, size, spp, seed, lit)
-    return [
-        traced.shade(library, np.array([11.0]), np.zeros(1), 0)[1].sky_texture.astype(float)
-        for library in (black, lit)
-    ]
 
 
 def rms_contrast(first, second):
@@ -180,8 +155,9 @@ def visible_ratio(temperature_k, albedo, sun_cosine):
 def _draw(rows, pictures, path):
     height = common.WIDTH_INCHES / 3 * SIZE[0] / SIZE[1] + 0.55
     fig = Figure(
-        figsize=(common.WIDTH_INCHES, 3.1 + 3 * height), dpi=common.DPI, layout="constrained"
-    )
+        figsize=(common.WIDTH_INCHES, 3.1 + 3 * height), layout="constrained",
+        dpi=common.dpi(pictures["snow"].visible.shape),
+    )  # fmt: skip
     top, bottom = fig.subfigures(2, 1, height_ratios=[3.1, 3 * height])
     _draw_spectra(top)
     axes = bottom.subplots(3, 3)

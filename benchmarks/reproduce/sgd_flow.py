@@ -106,7 +106,8 @@ def _best(rows, pixel):
 
 
 def _draw(cube, truth, library, pixels, rows, path):
-    fig = Figure(figsize=(common.WIDTH_INCHES, 7.6), dpi=common.DPI, layout="constrained")
+    size = common.WIDTH_INCHES, 7.6
+    fig = Figure(figsize=size, dpi=common.dpi(cube.shape), layout="constrained")
     axes = fig.subplots(2, 2)
     _draw_cube(axes[0, 0], panchromatic(cube), non_sky(truth), pixels)
     _draw_spectra(axes[0, 1], cube, pixels)

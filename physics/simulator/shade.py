@@ -108,7 +108,7 @@ def shade(paths, shader, spp):
     n = shader.glow.shape[1]
     sums = [np.zeros((len(material), n)) for _ in range(3)]
     scalars = _shade(
-        paths.start, paths.material, paths.value, kind == material[:, None], shader.glow,
+        paths.start, paths.end, paths.material, paths.value, kind == material[:, None], shader.glow,
         np.float32(shader.coldest_k), shader.reflectance, shader.weight, shader.sky, *sums,
     )  # fmt: skip
     count, temperature, sky_view = scalars
@@ -150,7 +150,7 @@ def _read(material, value, glow, coldest, sky, out):
 
 @njit(nogil=True, cache=True)
 def _shade(
-    start, material, value, chosen, glow, coldest, reflectance, weight, sky,
+    start, ends, material, value, chosen, glow, coldest, reflectance, weight, sky,
     sum_s, sum_x, sum_sky,
 ):  # fmt: skip
     """Add every path's S, X and X_sky to the sums (pixels, n) of its pixel.
@@ -166,7 +166,7 @@ def _shade(
         s, t_x, t_sky = sum_s[p], sum_x[p], sum_sky[p]
         for sample in range(spp):
             path, counts = p * spp + sample, chosen[p, sample]
-            a, end = start[path], start[path + 1]
+            a, end = start[path], ends[path]
             _read(material[a], value[a], glow, coldest, sky, first)
             if material[a] == SKY:
                 for j in range(n):

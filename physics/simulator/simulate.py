@@ -31,6 +31,8 @@ def simulate(
     library = MaterialLibrary.starter() if library is None else library
     fine_um = Bands.of(wavelength_um, fwhm_um).fine_um
     # The roulette need not heed what the curves do outside the bands.
-    at_bands = MaterialLibrary(library.names, fine_um, library.at(fine_um))
+    at_bands = MaterialLibrary(
+        library.names, fine_um, library.at(fine_um), library.hue_deg, library.albedo_rgb
+    )
     traced = trace_on_demand(scene, size, spp, seed, at_bands)
     return traced.shade(library, wavelength_um, fwhm_um, netd_k, progress=progress)

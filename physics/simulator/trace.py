@@ -9,6 +9,10 @@ roulette ends it or it leaves for the sky. `shade` says how a path becomes radia
     surface i -> i + 1   with probability q_i, one fixed number per material, stored with
                          the paths so that another library may shade them without bias
 
+By day more is scattered than in the infrared, and light of many bounces counts. So where the
+roulette of heat ends a path, it goes on for the daylight picture alone, with a q of its own. Its
+random numbers are its own as well: heat does not depend on it.
+
 Directions are cosine weighted about the shading normal; where a surface has a share that is
 a mirror, so large a share of them are the mirror's. A direction that would dip under the
 facet is mirrored back above it. Over the samples of one pixel the first direction is
@@ -25,6 +29,7 @@ from numba import njit
 from ..errors import InputError
 from .geometry import normals
 
+ENDS, DAY, HEAT = 0, 1, 2  # how a path goes on: not, for daylight alone, for heat and daylight
 SKY = 65535  # stands in Paths.material where a ray leaves for the sky
 LEAK_FRACTION = 1e-4  # float32 lets a few bounces slip through the corners of a closed room
 
@@ -34,18 +39,23 @@ class Paths:
     """Light paths, compactly; path p is rows start[p]:start[p + 1] of the vertex arrays.
 
     start     (paths + 1,) int64; the samples of one pixel follow each other
+    end       (paths,) int64; rows from end[p] on are of daylight alone
     material  (vertices,) uint16 library index, or SKY
     value     (vertices,) float32 temperature in K; for SKY the cosine of the zenith angle
-    direct    (paths,) float32 cosine between normal and sun at surface 0, 0 in shadow;
-              without an atmosphere the cosine towards the camera
+    sun       (vertices,) float32 share of the sun's light that a surface there scatters, but for
+              its albedo: the cosine between normal and sun times the share that is no mirror, 0
+              in shadow; without an atmosphere the cosine towards the camera, for surface 0 alone
     roulette  (materials,) q, the probability to go on after such a surface
+    day_roulette  (materials,) the same of daylight, at least q
     """
 
     start: np.ndarray
+    end: np.ndarray
     material: np.ndarray
     value: np.ndarray
-    direct: np.ndarray
+    sun: np.ndarray
     roulette: np.ndarray
+    day_roulette: np.ndarray
 
 
 def roulette(emissivity):
@@ -88,11 +98,12 @@ class Tracer:
         TriangleMesh(self._embree, self.corners)
         self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds it
 
-    def paths(self, size, pixels, spp, q, rng):
+    def paths(self, size, pixels, spp, q, q_day, rng):
         """Trace spp paths through each pixel of a range of row-major pixels -> Paths.
 
-        size (height, width); pixels a `range`; q (materials,) as from `roulette`; rng a
-        numpy Generator. Raises InputError where rays leave a scene without atmosphere.
+        size (height, width); pixels a `range`; q and q_day (materials,) as from `roulette`, the
+        second at least the first; rng a numpy Generator.
+        Raises InputError where rays leave a scene without atmosphere.
         """
         closed = self.scene.atmosphere is None
         n = len(pixels) * spp
@@ -103,7 +114,8 @@ class Tracer:
         xi = np.zeros((n, 3), np.float32)  # third column 0: the first bounce is always traced
         xi[:, :2] = _stratified(len(pixels), spp, rng, shuffled=True)
         path = np.arange(n, dtype=np.int32)
-        depths, direct, bounces, leaks = [], np.zeros(n, np.float32), 0, 0
+        hot, day_rng = n, rng.spawn(1)[0]  # the first `hot` rays are of heat and daylight
+        depths, bounces, leaks = [], 0, 0
         while len(path):
             hit = self._embree.run(origin, direction, query="INTERSECT", output=True)
             if closed:
@@ -114,29 +126,35 @@ class Tracer:
                         f"scene: {self.scene.name!r} has no atmosphere and is not closed: rays "
                         "leave it; close the room or set an atmosphere."
                     )
-            material, value = np.empty(len(path), np.uint16), np.empty(len(path), np.float32)
-            alive, origin, direction, normal = _bounce(
-                hit["primID"], hit["u"], hit["v"], direction, xi, q,
+            material = np.empty(len(path), np.uint16)
+            value, sun = np.zeros((2, len(path)), np.float32)
+            surface, goes_on, origin, direction, normal = _bounce(
+                hit["primID"], hit["u"], hit["v"], direction, xi, q, q_day, hot,
                 self.corners, self.corner_normals, self.temperature_k, self.material, self.mirror,
                 self.lift, material, value,
             )  # fmt: skip
-            depths.append((path, material, value))
-            path = path[alive]
-            if len(depths) == 1:
-                direct[path] = self._direct(origin, normal, eye)
-            xi = rng.random((len(path), 3), dtype=np.float32)
-        return Paths(*_pack(n, depths, closed), direct, q)
+            if not closed:
+                diffuse = 1 - self.mirror[hit["primID"][surface]]
+                sun[surface] = diffuse * self._sunlight(origin, normal)
+            elif not depths:
+                to_eye = eye - origin
+                sun[surface] = np.abs((normal * to_eye).sum(1)) / np.linalg.norm(to_eye, axis=1)
+            depths.append((path, material, value, sun, np.arange(len(path)) < hot))
+            on = np.concatenate([np.flatnonzero(goes_on == of) for of in (HEAT, DAY)])
+            path, origin, direction = path[surface[on]], origin[on], direction[on]
+            hot = np.count_nonzero(goes_on == HEAT)
+            xi = np.empty((len(path), 3), np.float32)
+            rng.random(dtype=np.float32, out=xi[:hot])
+            day_rng.random(dtype=np.float32, out=xi[hot:])
+        return Paths(*_pack(n, depths, closed), q, q_day)
 
-    def _direct(self, point, normal, eye):
-        """Cosine of the direct light of the daylight picture at points (n, 3), 0 in shadow."""
-        if self.scene.atmosphere is None:
-            to_eye = eye - point
-            return np.abs((normal * to_eye).sum(1)) / np.linalg.norm(to_eye, axis=1)
-        sun = np.asarray(self.scene.sun_direction, np.float32)
-        cosine = np.maximum(normal @ sun, 0)
+    def _sunlight(self, point, normal):
+        """(n,) cosine between the sun and the normals (n, 3) at points (n, 3), 0 in shadow."""
+        towards_sun = np.asarray(self.scene.sun_direction, np.float32)
+        cosine = np.maximum(normal @ towards_sun, 0)
         lit = np.flatnonzero(cosine > 0)
-        towards = np.broadcast_to(sun, (len(lit), 3)).copy()
         if len(lit):
+            towards = np.broadcast_to(towards_sun, (len(lit), 3)).copy()
             blocked = self._embree.run(point[lit], towards, query="OCCLUDED") >= 0
             cosine[lit[blocked]] = 0
         return cosine
@@ -194,16 +212,16 @@ def _mix(corner, b0, b1, b2, k):
 
 @njit(nogil=True, cache=True)
 def _bounce(
-    facet, u, v, incoming, xi, q, corners, corner_normals, temperature, material_of, mirror,
-    lift, material, value,
+    facet, u, v, incoming, xi, q, q_day, hot, corners, corner_normals, temperature, material_of,
+    mirror, lift, material, value,
 ):  # fmt: skip
     """Say what the rays hit and send on those that go on.
 
-    Fills material and value (rays,) as in Paths. Returns the indices of the rays that go
-    on, and their new origins, directions and shading normals.
+    Fills material and value (rays,) as in Paths. Returns of the rays that hit a surface the
+    index, how they go on, where from, where to (if they do) and the shading normal.
     """
     n = len(facet)
-    alive = np.empty(n, np.int32)
+    surface, goes_on = np.empty(n, np.int32), np.empty(n, np.uint8)
     origin = np.empty((n, 3), np.float32)
     direction = np.empty((n, 3), np.float32)
     normal = np.empty((n, 3), np.float32)
@@ -219,8 +237,6 @@ def _bounce(
         t0 = temperature[f, 0]
         material[r] = m
         value[r] = t0 + b1 * (temperature[f, 1] - t0) + b2 * (temperature[f, 2] - t0)
-        if xi[r, 2] >= q[m]:
-            continue
 
         # Facet normal g, turned towards where the ray came from.
         e1 = corners[f, 1] - corners[f, 0]
@@ -247,6 +263,18 @@ def _bounce(
                 turn = -turn
             s0, s1, s2 = s0 * turn, s1 * turn, s2 * turn
 
+        surface[count] = r
+        goes_on[count] = ENDS
+        if xi[r, 2] < q_day[m]:
+            goes_on[count] = HEAT if r < hot and xi[r, 2] < q[m] else DAY
+        origin[count, 0] = _mix(corners[f], b0, b1, b2, 0) + lift[f] * g0
+        origin[count, 1] = _mix(corners[f], b0, b1, b2, 1) + lift[f] * g1
+        origin[count, 2] = _mix(corners[f], b0, b1, b2, 2) + lift[f] * g2
+        normal[count, 0], normal[count, 1], normal[count, 2] = s0, s1, s2
+        count += 1
+        if goes_on[count - 1] == ENDS:
+            continue
+
         share = np.float64(mirror[f])
         if xi[r, 0] < share:
             d0, d1, d2 = incoming[r, 0], incoming[r, 1], incoming[r, 2]
@@ -267,30 +295,25 @@ def _bounce(
         below = d0 * g0 + d1 * g1 + d2 * g2
         if below < 0:
             d0, d1, d2 = d0 - 2 * below * g0, d1 - 2 * below * g1, d2 - 2 * below * g2
-
-        origin[count, 0] = _mix(corners[f], b0, b1, b2, 0) + lift[f] * g0
-        origin[count, 1] = _mix(corners[f], b0, b1, b2, 1) + lift[f] * g1
-        origin[count, 2] = _mix(corners[f], b0, b1, b2, 2) + lift[f] * g2
-        direction[count, 0], direction[count, 1], direction[count, 2] = d0, d1, d2
-        normal[count, 0], normal[count, 1], normal[count, 2] = s0, s1, s2
-        alive[count] = r
-        count += 1
-    return alive[:count], origin[:count], direction[:count], normal[:count]
+        direction[count - 1, 0], direction[count - 1, 1], direction[count - 1, 2] = d0, d1, d2
+    return surface[:count], goes_on[:count], origin[:count], direction[:count], normal[:count]
 
 
 def _pack(n, depths, closed):
-    """Vertices gathered depth by depth -> start, material, value of n paths.
+    """Vertices gathered depth by depth -> start, end, material, value, sun of n paths.
 
     In a closed scene a ray that slipped out is dropped, so that its path ends before it.
     """
-    length = np.zeros(n + 1, np.int64)
+    length, of_heat = np.zeros(n + 1, np.int64), np.zeros(n, np.int64)
     if closed:
-        depths = [(p[m != SKY], m[m != SKY], t[m != SKY]) for p, m, t in depths]
-    for path, _, _ in depths:
+        depths = [tuple(a[d[1] != SKY] for a in d) for d in depths]
+    for path, *_, hot in depths:
         length[path + 1] += 1
+        of_heat[path[hot]] += 1
     start = np.cumsum(length)
-    material, value = np.empty(start[-1], np.uint16), np.empty(start[-1], np.float32)
-    for depth, (path, m, t) in enumerate(depths):
+    material = np.empty(start[-1], np.uint16)
+    value, sun = np.empty((2, start[-1]), np.float32)
+    for depth, (path, m, t, cosine, _) in enumerate(depths):
         at = start[path] + depth
-        material[at], value[at] = m, t
-    return start, material, value
+        material[at], value[at], sun[at] = m, t, cosine
+    return start, start[:-1] + of_heat, material, value, sun

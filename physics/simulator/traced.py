@@ -30,8 +30,8 @@ from .truth import Truth
 
 PATHS_PER_BLOCK = 2**16  # some 10 MB of rays and paths, and a quarter of a second
 KEYS = (
-    "size", "spp", "seed", "materials", "roulette", "temperature_range_k", "atmosphere",
-    "vertices", "material", "value", "direct",
+    "size", "spp", "seed", "materials", "roulette", "day_roulette", "temperature_range_k",
+    "atmosphere", "vertices", "of_heat", "material", "value", "sun",
 )  # fmt: skip
 
 
@@ -44,6 +44,7 @@ class TracedScene:
     seed                 of the paths and of the sensor noise
     materials            names of the scene's materials; Paths.material points into them
     roulette             (materials,) q that the paths were traced with
+    day_roulette         (materials,) the same of daylight
     temperature_range_k  (low, high) of all surfaces, K
     atmosphere           Atmosphere, or None in a closed scene
     blocks               sequence of Paths, of `pixel_blocks(size, spp)`
@@ -54,6 +55,7 @@ class TracedScene:
     seed: int
     materials: tuple[str, ...]
     roulette: np.ndarray
+    day_roulette: np.ndarray
     temperature_range_k: tuple[float, float]
     atmosphere: Atmosphere | None
     blocks: Sequence[Paths]
@@ -141,9 +143,10 @@ class TracedScene:
         return np.array([library.index(materials[name]) for name in self.materials])
 
     def save(self, path):
-        """Write a compressed npz, whole or not at all; about 8 bytes per path."""
+        """Write a compressed npz, whole or not at all; about 9 bytes per path."""
         join = lambda key: np.concatenate([getattr(b, key) for b in self.blocks])  # noqa: E731
         vertices = np.concatenate([np.diff(b.start) for b in self.blocks])
+        of_heat = np.concatenate([b.end - b.start[:-1] for b in self.blocks])
         material, sky = join("material"), len(self.materials)
         arrays = {
             "size": np.array(self.size),
@@ -151,13 +154,15 @@ class TracedScene:
             "seed": np.array(self.seed, np.uint64),
             "materials": np.array(self.materials),
             "roulette": self.roulette,
+            "day_roulette": self.day_roulette,
             "temperature_range_k": np.array(self.temperature_range_k),
             "atmosphere": np.array(astuple(self.atmosphere) if self.atmosphere else ()),
             # The smallest integers that hold them; most files need one byte each.
             "vertices": vertices.astype(np.min_scalar_type(vertices.max())),
+            "of_heat": of_heat.astype(np.min_scalar_type(of_heat.max())),
             "material": np.where(material == SKY, sky, material).astype(np.min_scalar_type(sky)),
             "value": join("value"),
-            "direct": join("direct"),
+            "sun": join("sun"),
         }
         save_arrays(path, arrays, compress=True)
 
@@ -173,15 +178,15 @@ class TracedScene:
         blocks = []
         for pixels in pixel_blocks(size, spp):
             first, last = pixels.start * spp, pixels.stop * spp
-            at = slice(start[first], start[last])
+            at, of_block = slice(start[first], start[last]), start[first : last + 1] - start[first]
             blocks.append(
-                Paths(start[first : last + 1] - start[first], material[at], a["value"][at],
-                      a["direct"][first:last], a["roulette"])
+                Paths(of_block, of_block[:-1] + a["of_heat"][first:last], material[at],
+                      a["value"][at], a["sun"][at], a["roulette"], a["day_roulette"])
             )  # fmt: skip
         low, high = a["temperature_range_k"]
         return TracedScene(
             size, spp, int(a["seed"]), tuple(str(n) for n in a["materials"]), a["roulette"],
-            (float(low), float(high)),
+            a["day_roulette"], (float(low), float(high)),
             Atmosphere(*(float(v) for v in a["atmosphere"])) if len(a["atmosphere"]) else None,
             tuple(blocks),
         )  # fmt: skip
@@ -216,16 +221,19 @@ def trace_on_demand(scene, size, spp, seed, library):
     library = library.subset(dict.fromkeys(o.material for o in scene.objects))
     tracer = Tracer(scene, library)
     q = roulette(library.emissivity)
+    q_day = q  # a closed scene is lit from the camera, with one bounce
+    if scene.atmosphere is not None:
+        q_day = np.maximum(q, roulette(1 - library.albedo_rgb))
     low, high = tracer.temperature_k.min(), tracer.temperature_k.max()
     return TracedScene(
-        (height, width), spp, seed, library.names, q, (float(low), float(high)), scene.atmosphere,
-        _BlocksOnDemand(tracer, (height, width), spp, q, seed),
+        (height, width), spp, seed, library.names, q, q_day, (float(low), float(high)),
+        scene.atmosphere, _BlocksOnDemand(tracer, (height, width), spp, q, q_day, seed),
     )  # fmt: skip
 
 
 class _BlocksOnDemand(Sequence):
-    def __init__(self, tracer, size, spp, q, seed):
-        self._tracer, self._size, self._spp, self._q = tracer, size, spp, q
+    def __init__(self, tracer, size, spp, q, q_day, seed):
+        self._tracer, self._size, self._spp, self._q, self._q_day = tracer, size, spp, q, q_day
         self._spans = pixel_blocks(size, spp)
         self._seeds = _seeds(seed, len(self._spans))[1:]
 
@@ -234,7 +242,9 @@ class _BlocksOnDemand(Sequence):
 
     def __getitem__(self, block):
         rng = np.random.default_rng(self._seeds[block])
-        return self._tracer.paths(self._size, self._spans[block], self._spp, self._q, rng)
+        return self._tracer.paths(
+            self._size, self._spans[block], self._spp, self._q, self._q_day, rng
+        )
 
 
 def pixel_blocks(size, spp):
