@@ -10,7 +10,7 @@ import numpy as np
 
 from . import scratch
 
-TILE_BYTES = 6e8  # about what the work on one tile may take
+TILE_BYTES = 5.2e8  # about what the work on one tile may take
 
 
 def run_tiled(run, image, halo, pixels, progress=None, multiple=1):

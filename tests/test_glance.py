@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import one_thread, traced  # noqa: F401
 
-from physics import MaterialLibrary
+from physics import HeatCube, MaterialLibrary
 from physics.estimate import estimate_environment
 from physics.known import known_arrays
 from texnet import glance
@@ -50,17 +50,17 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
     monkeypatch.setattr(glance, "PIXELS", 24 * 36 // step**2)
     answered = []
 
-    def run(radiance, seen):
-        answered.append((radiance.shape[1:], len(seen)))
+    def run(part, seen):
+        answered.append((part.shape, len(seen)))
         of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
-        return torch_model()(radiance, known | of_seen)
+        return torch_model()(part.radiance, known | of_seen)
 
-    maps = glance.answer(run, run, cube.radiance, len(library))
+    maps = glance.answer(run, run, cube, len(library))
     afar = tuple(-(-size // step) for size in (24, 36))
     p = maps["material_probability"]
     seen = np.flatnonzero(p.any(axis=(1, 2)))
     assert answered == [(afar, 30), ((24, 36), len(seen))] and len(seen) < 20
-    alone = run(cube.radiance, seen)
+    alone = run(cube, seen)
     np.testing.assert_array_equal(p[seen], alone["material_probability"])
     np.testing.assert_array_equal(maps["material"], seen[alone["material"]])
     np.testing.assert_array_equal(maps["temperature_k"], alone["temperature_k"])
@@ -69,10 +69,9 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
 
 def test_a_small_picture_is_answered_with_the_whole_library():
     side = int((4 * glance.PIXELS) ** 0.5) - 1
-    whole = glance.answer(
-        lambda radiance, seen: (radiance.shape, list(seen)), None, np.ones((3, side, side)), 5
-    )
-    assert whole == ((3, side, side), [0, 1, 2, 3, 4])
+    cube = HeatCube(np.full((3, side, side), 7.0), [8.0, 9.0, 10.0])
+    whole = glance.answer(lambda part, seen: (part.shape, list(seen)), None, cube, 5)
+    assert whole == ((side, side), [0, 1, 2, 3, 4])
 
 
 @pytest.mark.parametrize("method", ["local", "sgd", "net"])

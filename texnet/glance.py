@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from physics import scratch
+from physics.heat_cube import HeatCube
 
 STEP = 4  # at most
 PIXELS = 5000  # of a glance, at least; smaller pictures are answered with all materials at once
@@ -19,20 +20,21 @@ PATCH, OWN = 2, 0.1  # pixels of the glance on a side, and a material's probabil
 LEAST = 2  # materials to choose from
 
 
-def answer(run, look, radiance, materials):
-    """Maps of radiance (bands, height, width) by the materials that it holds, as if by all.
+def answer(run, look, cube, materials):
+    """Maps of a HeatCube by the materials that it holds, as if by all.
 
-    run, look  (radiance, seen) -> dict of maps by the materials of these indices; look of the
+    run, look  (cube, seen) -> dict of maps by the materials of these indices; look of the
                glance, of which material_probability is wanted alone
     materials  how many there are
     """
     every = np.arange(materials)
-    step = min(STEP, int(math.sqrt(radiance[0].size / PIXELS)))
+    step = min(STEP, int(math.sqrt(cube.radiance[0].size / PIXELS)))
     if step < 2:
-        return run(radiance, every)
-    afar = np.stack([band[::step, ::step] for band in scratch.parts(radiance)])
+        return run(cube, every)
+    afar = np.stack([band[::step, ::step] for band in scratch.parts(cube.radiance)])
+    afar = HeatCube(afar, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     seen = materials_seen(look(afar, every)["material_probability"])
-    maps = run(radiance, seen)
+    maps = run(cube, seen)
     maps["material"] = seen.astype(maps["material"].dtype)[maps["material"]]
     maps["material_probability"] = _among_all(maps["material_probability"], seen, materials)
     return maps

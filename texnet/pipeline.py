@@ -135,23 +135,23 @@ def decompose(
             model = torch_model(method == "net+sgd")
         known = known_arrays(cube, library, environment)
 
-        def look(radiance, seen, progress=None):
+        def look(part, seen, progress=None):
             of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
-            return model(radiance, known | of_seen, progress)
+            return model(part.radiance, known | of_seen, progress)
 
-        run = partial(look, progress=report("network"))
-        maps = glance.answer(run, look, cube.radiance, len(library))
+        maps = glance.answer(
+            partial(look, progress=report("network")), look, cube, len(library)
+        )
         lap("network")
     else:
         from .exact import solve  # and so does numba
 
-        def run(radiance, seen, smooth=method == "sgd", report=report, lap=lap):
-            part = HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+        def run(part, seen, smooth=method == "sgd", report=report, lap=lap):
             held = library.subset([library.names[i] for i in seen])
             return solve(part, held, environment, smooth, report, lap)
 
         look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
-        maps = glance.answer(run, look, cube.radiance, len(library))
+        maps = glance.answer(run, look, cube, len(library))
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
