@@ -28,13 +28,8 @@ A stopped run goes on after the last whole scene that was measured with the same
 """
 
 import argparse
-import hashlib
-import json
-import os
-import platform
 import time
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,13 +40,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from threadpoolctl import threadpool_limits
 
-from benchmarks import ONNX, SHIPPED
-from benchmarks.accuracy import NETD_K, SIZE, SPP, K, test_scenes
+from benchmarks import ONNX
+from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.naming import band_curves, light, nearest
 from benchmarks.peers.scipy_fit import fit_all
-from benchmarks.rows import read_csv, write_csv
+from benchmarks.rows import read_csv, settings, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.errors import InputError
@@ -197,9 +192,9 @@ def measure(out, networks=(), progress=None):
     out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
-    methods, settings = all_methods(networks), _settings(networks)
+    methods, made = all_methods(networks), settings(*networks)
     wanted = {(str(b), m) for b in BANDS for m in methods}
-    rows = _whole_scenes(read_csv(out / "chart.csv"), settings, wanted)
+    rows = _whole_scenes(read_csv(out / "chart.csv"), made, wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
     total, count = (RANDOM_SCENES + len(PRESETS)) * len(wanted), len(rows)
     with threadpool_limits(THREADS):
@@ -211,7 +206,7 @@ def measure(out, networks=(), progress=None):
                     if progress:
                         progress(count + len(of_scene), total, "chart")
                     row = {"scene": name, "bands": bands, "method": method}
-                    of_scene.append(row | _scores(run, scene) | {"settings": settings})
+                    of_scene.append(row | _scores(run, scene) | {"settings": made})
             rows += of_scene
             count += len(of_scene)
             write_csv(out / "chart.csv", rows)
@@ -234,19 +229,9 @@ def _scores(run, scene):
     return {"seconds_per_megapixel": per} | {name: errors[name] for name in ERRORS}
 
 
-def _settings(networks):
-    """A digest of all that a measurement depends on, this machine included."""
-    weights = [ONNX, SHIPPED / "texnet.safetensors", *networks]
-    held = [hashlib.sha256(path.read_bytes()).hexdigest() for path in weights]
-    packages = {n: version(n) for n in ("texnet", "torch", "onnxruntime", "numba", "scipy")}
-    told = [BANDS, SIZE, SPP, NETD_K, K, STEPS, SCIPY_PIXELS, THREADS, held, packages,
-            platform.machine(), os.cpu_count()]  # fmt: skip
-    return hashlib.sha256(json.dumps(told).encode()).hexdigest()[:12]
-
-
-def _whole_scenes(rows, settings, wanted):
-    """The rows with these settings of scenes that have all the (bands, method) wanted."""
-    rows = [r for r in rows if r.get("settings") == settings]
+def _whole_scenes(rows, made, wanted):
+    """The rows made with these settings of scenes that have all the (bands, method) wanted."""
+    rows = [r for r in rows if r.get("settings") == made]
     of = {}
     for r in rows:
         of.setdefault(r["scene"], set()).add((r["bands"], r["method"]))

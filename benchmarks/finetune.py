@@ -39,6 +39,7 @@ from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
+from physics.provenance import fingerprint
 from physics.refinement import STEPS
 from physics.starter import AIR, Recipe
 from physics.whole_file import whole_file
@@ -162,7 +163,7 @@ def _network(part, args, library, report):
     if part == "scratch":
         scenes = ReshadedSet(args.cache, "train", args.scratch_scenes, library)
         scenes.make(lambda n, of: report(n, of, "scenes"))
-        folder = f"{scenes.folder.name}-{recipe.digest(library.wavelength_um, library.emissivity)}"
+        folder = f"{scenes.folder.name}-{fingerprint(library.wavelength_um, library.emissivity)}"
         scenes = Shaded(scenes, args.cache / "shaded" / folder, report)
         lightning.seed_everything(0, verbose=False)
         steps = args.scratch_epochs * train.PER_EPOCH // train.TOGETHER

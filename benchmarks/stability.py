@@ -40,7 +40,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks import ONNX
-from benchmarks.rows import read_csv, write_csv
+from benchmarks.rows import read_csv, settings, write_csv
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -500,14 +500,14 @@ def measure(out, axes=tuple(AXES), progress=None):
     """Write stability.csv, missing.csv and atlas.png into the folder out -> the rows of the
     first two and sentences on faults.
 
-    progress  called as progress(done, total, what) after each level; what is in the tables
-              already is not measured again
+    progress  called as progress(done, total, what) after each level; what this code and machine
+              left in the tables already is not measured again
     """
     from export.runtime import Runtime
 
     out.mkdir(parents=True, exist_ok=True)
-    table, library = out / "stability.csv", MaterialLibrary.starter()
-    rows = _read(table)
+    library, made = MaterialLibrary.starter(), settings()
+    rows = _read(out / "stability.csv", made)
     known = {(r["axis"], r["level"], r["scene"]) for r in rows}
     model = Runtime(ONNX).run
     jobs = [
@@ -517,23 +517,29 @@ def measure(out, axes=tuple(AXES), progress=None):
     for done, (axis, level, view) in enumerate(jobs, 1):
         if (axis, float(level), f"{view.name} {view.seed}") not in known:
             rows += measured(axis, level, view, library, model)
-            write_csv(table, rows)
+            _write(out / "stability.csv", rows, made)
         if progress:
             progress(done, len(jobs), axis)
     draw(rows, out / "atlas.png")
-    doubt = _read(out / "missing.csv")
+    doubt = _read(out / "missing.csv", made)
     for i in range(MISSING if "material missing" in axes else 0):
         view = View("random", BASE_SEED["test"] + i)
         if f"{view.name} {view.seed}" not in {r["scene"] for r in doubt}:
             doubt += missing_rows(view, library, model)
-            write_csv(out / "missing.csv", doubt)
+            _write(out / "missing.csv", doubt, made)
         if progress:
             progress(i + 1, MISSING, "missing")
     return rows, doubt, list(faults(rows))
 
 
-def _read(table):
-    return [{name: _value(text) for name, text in row.items()} for row in read_csv(table)]
+def _read(table, made):
+    """The rows of a table that were made with these settings."""
+    rows = [row for row in read_csv(table) if row.pop("settings", None) == made]
+    return [{name: _value(text) for name, text in row.items()} for row in rows]
+
+
+def _write(table, rows, made):
+    write_csv(table, [row | {"settings": made} for row in rows])
 
 
 def main():

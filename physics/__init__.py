@@ -3,6 +3,7 @@
 errors       InputError: one sentence for bad input
 whole_file   a file is written whole or not at all
 array_file   named arrays in one file
+provenance   what made a result that is kept on disk
 scratch      large arrays in files without a name
 planck       Eq. 3 and its inverse
 eq1          Eq. 1: the differentiable renderer and the physics loss

@@ -10,6 +10,7 @@ from traced import one_thread  # noqa: F401
 
 import benchmarks.accuracy as accuracy
 import benchmarks.chart as chart
+from benchmarks import rows
 from benchmarks.chart import Scene, by_scipy, by_separation, medians, pareto, pareto_methods
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.rows import read_csv
@@ -147,9 +148,9 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, toy, monkeyp
     assert read_csv(tmp_path / "chart.csv")[:6] == first
     assert len(whole["rows"]) == 12 and (tmp_path / "chart.png").stat().st_size > 0
 
-    # nothing is left to do; other settings leave nothing done
+    # nothing is left to do; what other code left is not taken for this one's
     chart.measure(tmp_path, progress=lambda *_: pytest.fail("measured again"))
-    monkeypatch.setattr(chart, "STEPS", (3,))
+    monkeypatch.setattr(rows, "CODE", [])
     done.clear()
     chart.measure(tmp_path, progress=lambda n, *_: done.append(n))
     assert done[0] == 0

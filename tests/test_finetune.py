@@ -229,6 +229,15 @@ def test_cubes_without_truth_lower_their_eq1_loss(cache, cube, monkeypatch):
     assert history["after"]["eq1"] < history["before"]["eq1"]
 
 
+def test_another_noise_is_another_run(cache, cube):
+    """What was learned of a cube thought noisier is not taken for what its right noise teaches."""
+    noisy = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, 0.5)
+    results = [
+        weights(finetune(network(), NEW, cache, epochs=1, cubes=[c])[0]) for c in (cube, noisy)
+    ]
+    assert any(not torch.equal(a, results[1][name]) for name, a in results[0].items())
+
+
 def test_crops_are_small_and_know_the_whole_cube(cube):
     tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
     both = Crops([tall, cube], NEW, 0, 96)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import stability
+from benchmarks import rows, stability
 from benchmarks.stability import AXES, METHODS, Case, View, amplification, faults, missing_rows
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, radiance
@@ -122,6 +122,15 @@ def test_what_is_said_of_a_missing_material(library, monkeypatch):
     for r in said(False, 0.1):
         assert r["covered"] == r["unknown"] == r["false_alarms"] == r["unknown_else"] == 0
     assert all(r["covered"] == 1 and r["unknown"] == 0 for r in said(False, 0.6))
+
+
+def test_rows_of_other_code_do_not_count(tmp_path, monkeypatch):
+    table = tmp_path / "stability.csv"
+    kept = [{"axis": "x", "level": 0.5, "scene": "s"}]
+    stability._write(table, kept, rows.settings())
+    assert stability._read(table, rows.settings()) == kept
+    monkeypatch.setattr(rows, "CODE", [])
+    assert stability._read(table, rows.settings()) == []
 
 
 def test_faults_are_found():

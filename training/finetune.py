@@ -9,7 +9,6 @@ Zero-shot is neither: the network takes any library as it is.
 """
 
 import copy
-import hashlib
 import json
 import time
 from importlib.metadata import version
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from physics.provenance import fingerprint
 from texnet.learned import check_device
 
 from .crops import Crops
@@ -59,7 +59,7 @@ def finetune(
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         seeds = seed, VALIDATION_SEED
         draws, held_out = (Crops(cubes, with_sky(library), s, SIDE) for s in seeds)
-        data = [digest(c.radiance, c.wavelength_um, c.fwhm_um) for c in cubes]
+        data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
     else:
         terms, rate = "both", LEARNING_RATE
         sets = [
@@ -73,8 +73,8 @@ def finetune(
     seconds = time.perf_counter() - start
 
     settings = dict(
-        terms=terms, data=data, library=digest(library.wavelength_um, library.emissivity),
-        materials=library.names, network=digest(*network.state_dict().values()), epochs=epochs,
+        terms=terms, data=data, library=fingerprint(library.wavelength_um, library.emissivity),
+        materials=library.names, network=fingerprint(*network.state_dict().values()), epochs=epochs,
         per_epoch=PER_EPOCH, learning_rate=rate, seed=seed,
     )  # fmt: skip
     module = Training(network, epochs * PER_EPOCH // TOGETHER, terms, rate)
@@ -97,8 +97,3 @@ def _measure(module, draws):
     with torch.no_grad():
         rows = [module.measures(*draws[i]) for i in range(HELD_OUT)]
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
-
-
-def digest(*arrays):
-    """What tells arrays of numbers apart, as a string."""
-    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()

@@ -12,7 +12,6 @@ Radiance is clean; whoever trains adds noise, and drops and merges bands, as he 
 the scenes are made of the starter library, half of a library varied from it.
 """
 
-import hashlib
 import json
 import multiprocessing
 import os
@@ -31,6 +30,7 @@ from physics.array_file import load_arrays, save_arrays
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.library import MaterialLibrary
+from physics.provenance import provenance
 from physics.simulator import simulate
 from physics.simulator.presets.random_scene import random_scene
 from physics.whole_file import whole_file
@@ -41,6 +41,15 @@ from .vary import vary
 BASE_SEED = {"train": 1_000_000, "validation": 2_000_000, "test": 3_000_000}
 MAX_SCENES = 100_000  # of a split; also the step to the seed that stands in for a bad one
 MAX_TRIES = 10  # MAX_TRIES * MAX_SCENES seeds fit between two bases
+_PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
+# of what is in a scene's file, or a traced one's
+SOURCES = (
+    *(_PHYSICS / name for name in (
+        "simulator", "array_file.py", "bands.py", "errors.py", "heat_cube.py", "library.py",
+        "planck.py", "sky.py", "whole_file.py", "data/starter_library.json",
+    )),
+    *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -201,16 +210,7 @@ def _in_words(settings):
 
 def _hash(settings):
     """Of all that makes a scene: settings, the simulator and this package's part."""
-    home, here = Path(physics.__file__).parent, Path(__file__).parent
-    sources = [
-        *(home / "simulator").rglob("*.py"), home / "sky.py", home / "planck.py",
-        home / "data" / "starter_library.json", here / "scenes.py", here / "vary.py",
-    ]  # fmt: skip
-    digest = hashlib.sha256(json.dumps([asdict(settings), BASE_SEED]).encode())
-    for path in sorted(sources):
-        text = path.read_bytes()
-        digest.update(f"{path.relative_to(path.parents[1])} {len(text)}\n".encode() + text)
-    return digest.hexdigest()[:16]
+    return provenance([asdict(settings), BASE_SEED], SOURCES)
 
 
 def _in_processes(jobs, workers):

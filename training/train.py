@@ -6,8 +6,6 @@ batch is one scene, because libraries and bands differ in size; gradients of a f
 """
 
 import atexit
-import hashlib
-import json
 import logging
 import os
 import signal
@@ -27,6 +25,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 import physics
 import texnet.network
+from physics.provenance import provenance
 from texnet.learned import check_device
 from texnet.network import TeXNet
 from texnet.weights import save_network
@@ -79,14 +78,8 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
 
 def run_name(settings):
     """A folder name for a run: the same settings (plain values) and code, the same name."""
-    code = [
-        *Path(physics.__file__).parent.glob("*.py"), *Path(__file__).parent.glob("*.py"),
-        Path(texnet.network.__file__),
-    ]  # fmt: skip
-    digest = hashlib.sha256(json.dumps(settings).encode())
-    for path in sorted(code):
-        digest.update(f"{path.name} ".encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
+    code = sorted(Path(physics.__file__).parent.glob("*.py"))
+    return provenance(settings, [*code, Path(__file__).parent, texnet.network.__file__])
 
 
 class Draws(Dataset):
