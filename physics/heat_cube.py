@@ -109,7 +109,7 @@ class HeatCube:
         return self.radiance.reshape(self.bands, -1).T
 
     def sample(self, most):
-        """(n, bands) float64 spectra of a regular subsample of most pixels or a few more."""
+        """(n, bands) float64 spectra of a regular subsample of most pixels, or up to twice that."""
         return self.pixels(slice(None, None, max(1, self.radiance[0].size // most)))
 
     def pixels(self, index):

@@ -6,7 +6,7 @@ A library file is JSON:
      "materials": [{"name": "water", "emissivity": [...], "hue_deg": 210,
                     "albedo_rgb": [r, g, b], "description": "..."}, ...]}
 
-`hue_deg`, `albedo_rgb` and `description` may be left out. The sky is the material
+`hue_deg`, `albedo_rgb` and `description` may be left out of any material. The sky is the material
 named "sky"; its curve is 1 - transmittance of the atmosphere towards the zenith.
 """
 
@@ -22,6 +22,7 @@ from .heat_cube import check_wavelength
 from .whole_file import whole_file
 
 SKY = "sky"
+GREY = (0.4, 0.4, 0.4)  # albedo where none is given
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +65,8 @@ class MaterialLibrary:
             raise InputError(
                 f"library: emissivity of {names[int(np.argmax(bad))]} leaves 0..1 or is not finite."
             )
-        hue = np.arange(m) * 360.0 / m if self.hue_deg is None else np.array(self.hue_deg, float)
-        rgb = np.full((m, 3), 0.4) if self.albedo_rgb is None else np.array(self.albedo_rgb, float)
+        hue = np.array(_hues(m) if self.hue_deg is None else self.hue_deg, float)
+        rgb = np.array([GREY] * m if self.albedo_rgb is None else self.albedo_rgb, float)
         text = ("",) * m if self.descriptions is None else tuple(self.descriptions)
         if hue.shape != (m,) or not np.isfinite(hue).all():
             raise InputError("library: hue_deg must hold one finite hue per material.")
@@ -146,10 +147,11 @@ class MaterialLibrary:
     def _from_json(data, path):
         try:
             rows = data["materials"]
-            given = lambda key: [r[key] for r in rows] if all(key in r for r in rows) else None  # noqa: E731
             return MaterialLibrary(
                 [r["name"] for r in rows], data["wavelength_um"], [r["emissivity"] for r in rows],
-                given("hue_deg"), given("albedo_rgb"), given("description"),
+                [r.get("hue_deg", hue) for r, hue in zip(rows, _hues(len(rows)), strict=True)],
+                [r.get("albedo_rgb", GREY) for r in rows],
+                [r.get("description", "") for r in rows],
             )  # fmt: skip
         except InputError:
             raise
@@ -165,6 +167,11 @@ class MaterialLibrary:
         """The library that ships with the package; `texnet library rebuild` makes it."""
         path = files("physics") / "data" / "starter_library.json"
         return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)
+
+
+def _hues(materials):
+    """Hues, spread evenly, for as many materials."""
+    return np.arange(materials) * 360.0 / materials
 
 
 def write_library_file(path, wavelength_um, materials):

@@ -74,6 +74,8 @@ def material_shares(energy, sweeps=5, samples=20000):
 
 def edge_weights(radiance, sigma):
     """Spectral edge weights w in 0..1 to the neighbour below (H-1, W) and right (H, W-1)."""
+    if radiance[0].size == 1:
+        return np.zeros((0, 1)), np.zeros((1, 0))
     squared = []
     for axis in (1, 2):
         d2 = np.zeros(np.diff(radiance[0], axis=axis - 1).shape)

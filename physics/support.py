@@ -1,7 +1,7 @@
 """How many environment objects a scene supports: no more of them than its pixels' evidence asks.
 
-For k = 1, 2, ... the environment is estimated and held against pixels that it was not made of:
-their evidence, summed over all materials,
+For k = 1, 2, ... the environment is estimated and held against a sample of pixels: their
+evidence, summed over all materials,
 
     F_k = -mean over pixels of log sum_m exp(-E_m),    E as in `local`, nats per pixel
 

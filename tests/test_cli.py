@@ -157,6 +157,19 @@ def test_library(capfd):
     assert "no material 'cheese'" in refused(capfd, "library", "show", "cheese")
 
 
+def test_no_two_cubes_share_a_truth(capfd, tmp_path):
+    """The truth goes by the cube's name alone."""
+    words = ["--size", "8x9", "--spp", 2, "--bands", 4]
+    code, *_ = run(capfd, "simulate", "forest", "--out", tmp_path / "a.exr", *words)
+    assert code == 0
+    truth = (tmp_path / "a.truth.npz").read_bytes()
+    said = refused(capfd, "simulate", "patches", "--out", tmp_path / "a.npz", *words)
+    assert "a.exr" in said and not (tmp_path / "a.npz").exists()
+    assert (tmp_path / "a.truth.npz").read_bytes() == truth
+    code, *_ = run(capfd, "simulate", "patches", "--out", tmp_path / "a.exr", *words)
+    assert code == 0 and (tmp_path / "a.truth.npz").read_bytes() != truth
+
+
 def test_bands_then_simulate(capfd, tmp_path):
     file, cube, mine = tmp_path / "filters.json", tmp_path / "night.npz", tmp_path / "mine.json"
     MaterialLibrary.starter().subset(["water", "granite", "sky"]).save(mine)

@@ -25,11 +25,14 @@ def test_the_inverse_of_the_information_says_the_same():
     )
 
 
-def test_as_many_unknowns_as_bands_and_one_more_tell_nothing():
-    w = W[:2]
-    three = np.stack([radiance(w, t) for t in (220.0, 260.0, 300.0)])
-    grey = np.full((1, 2), 0.8)
-    assert cramer_rao(w, NOISE[:2], grey, three, np.array([290.0]))[0] == np.inf
+@pytest.mark.parametrize("k", [2, 3, 5])
+def test_k_objects_need_k_bands(k):
+    """T and V without its last make k unknowns."""
+    objects = [radiance(W, t) for t in np.linspace(200, 300, k)]
+    for bands, known in ((k - 1, False), (k, True)):
+        w = slice(bands)
+        given = W[w], NOISE[w], E[None, w], np.stack(objects)[:, w]
+        assert np.isfinite(cramer_rao(*given, np.array([290.0]))[0]) == known
 
 
 def test_the_likeliest_t_of_noisy_spectra_scatters_as_the_bound_says():

@@ -381,3 +381,16 @@ def test_radiance_in_microflicks_is_noticed():
     s = radiance(w, 290.0)[:, None, None] * np.ones((3, 2, 2))
     HeatCube(s, w)
     assert "microflick" in sentence(HeatCube, 100 * s, w)
+
+
+def test_what_one_material_leaves_out_the_others_keep(tmp_path):
+    rows = [
+        {"name": "a", "emissivity": [0.9, 0.8], "hue_deg": 200, "albedo_rgb": [0.1, 0.2, 0.3]},
+        {"name": "b", "emissivity": [0.7, 0.8], "description": "measured"},
+    ]
+    file = tmp_path / "l.json"
+    file.write_text(json.dumps({"wavelength_um": [8, 14], "materials": rows}))
+    library = MaterialLibrary.load(file)
+    np.testing.assert_array_equal(library.hue_deg, [200, 180])
+    np.testing.assert_array_equal(library.albedo_rgb, [[0.1, 0.2, 0.3], [0.4, 0.4, 0.4]])
+    assert library.descriptions == ("", "measured")

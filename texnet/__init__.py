@@ -9,6 +9,7 @@ budget      the most accurate method that fits a time budget
 doubt       when an answer should not be trusted
 learned     the model with the shipped weights
 weights     weights on disk
+band_file   filters on disk, as `texnet bands` designs them
 cube_io     heat cubes on disk (.exr, .npz)
 library_io  libraries of others (HADAR .mat, ECOSTRESS, CSV); mat_file reads .mat
 outputs     what `texnet decompose` writes

@@ -78,6 +78,12 @@ def simulate(args):
     from .progress import progress_bar
 
     check_cube_path(args.out)
+    beside = _truth_path(args.out)
+    for other in (args.out.with_suffix(s) for s in (".exr", ".npz")):
+        if other != args.out and other.exists():
+            raise InputError(
+                f"{beside} would be taken for the truth of {other}, too; choose another name."
+            )
     named = isinstance(args.bands, Path)
     wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
     is_file = Path(args.scene).suffix == ".json"
@@ -87,7 +93,6 @@ def simulate(args):
             scene, wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=args.size, spp=args.spp,
             netd_k=args.netd, seed=args.seed, progress=lambda n, of: report(n, of, "simulate"),
         )  # fmt: skip
-    beside = _truth_path(args.out)
     beside.unlink(missing_ok=True)  # never a truth beside another scene's cube
     write_cube(cube, args.out)
     truth.save(beside)
