@@ -28,7 +28,8 @@ evidence     every material's evidence at once, by Gaussian priors
 refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses
 tiles        pictures of any size in tiles
 distill      the texture that the sky alone lights
-simulator    path-traced cubes with their truth
+truth        Truth: what is so in every pixel of a simulated cube
+simulator    path-traced cubes with it
 """
 
 from .environment import Environment

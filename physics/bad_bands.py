@@ -28,6 +28,7 @@ from .planck import noise_sigma
 SAMPLES = 6000  # pixels
 CALM = 0.25
 NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.3
+OUTERMOST = 0.005  # of the pixels at either end
 LEAST_BANDS, MANY_BANDS = 8, 30
 LEAST_K = 1e-3  # keeps spectra without noise from being singular
 FINEST_K = 0.02  # no sensor is better; where a simulated cube is, what is left is not noise
@@ -73,10 +74,12 @@ def _bad(wavelength_um, spectra, differences, good):
     if noise is None:
         return {}
     usual = max(np.median(noise), FINEST_K)
-    spread = s.std(axis=0)
+    # a few pixels that flare up in one band say nothing of it
+    spread = np.clip(s, *np.quantile(s, [OUTERMOST, 1 - OUTERMOST], axis=0)).std(axis=0)
     live = spread > STUCK_NOISE * usual
     # beyond the last live band a scene as warm as the air may end, and nothing be broken
-    near = np.interp(w, w[live], spread[live], 0, 0) if live.any() else spread
+    # and what only a few bands show is no fault of the others
+    near = np.interp(w, w[live], spread[live], 0, 0) if 2 * live.sum() > len(w) else spread
     found = {
         good[i]: f"varies by {spread[i]:.2g} K where its neighbours vary by {near[i]:.2g} K"
         for i in np.flatnonzero(spread < STUCK_SHARE * near)

@@ -7,8 +7,10 @@ import numpy as np
 from . import scratch
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
+from .planck import radiance as planck_radiance
 
-MAX_TYPICAL_K = 1000.0  # beyond it the units are wrong, not the scene hot
+MIN_TYPICAL_K, MAX_TYPICAL_K = 160.0, 1000.0  # beyond them the units are wrong, not the scene
+MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
 
 def check_wavelength(wavelength_um, what):
@@ -76,13 +78,27 @@ class HeatCube:
             raise InputError(
                 f"cube: {dark} radiance values are zero or negative; check the calibration."
             )
-        middle = np.flatnonzero(alive)[alive.sum() // 2]
-        typical_k = brightness_temperature(w[middle], float(np.median(s[middle])))
+        some = np.quantile(np.flatnonzero(alive), [0, 0.5, 1], method="lower")
+        typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])
         if typical_k > MAX_TYPICAL_K:
             raise InputError(
                 f"cube: half of it looks hotter than {typical_k:.0f} K; give radiance in "
                 "W m-2 sr-1 um-1 (1 microflick is 0.01 of it)."
             )
+        if typical_k < MIN_TYPICAL_K:
+            raise InputError(
+                f"cube: half of it looks colder than {typical_k:.0f} K; give radiance in "
+                "W m-2 sr-1 um-1 (1 W m-2 sr-1 per cm-1 is 1e4 / wavelength^2 of it, in um)."
+            )
+        for band, limit in zip(scratch.parts(s), planck_radiance(w, MAX_K), strict=True):
+            hot = (band > limit) & np.isfinite(band)
+            if hot.any() and not hot.all():  # a whole band may be dead, see `bad_bands`
+                row, column = np.argwhere(hot)[0]
+                raise InputError(
+                    f"cube: pixels look hotter than {MAX_K:.0f} K, {np.count_nonzero(hot)} of them "
+                    f"in one band, the first in row {row}, column {column}; replace dead ones by "
+                    "their neighbours."
+                )
         width = np.zeros_like(w) if self.fwhm_um is None else np.array(self.fwhm_um, np.float64)
         if width.shape != w.shape or not np.isfinite(width).all() or (width < 0).any():
             raise InputError("cube: fwhm_um must hold one width >= 0 in um per band.")

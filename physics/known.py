@@ -12,6 +12,9 @@ MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors tha
 MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
 HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
+# of the farthest but one in two hundred, beyond which a pixel (a fire, a defect) is left to itself:
+# what the prior must span for it would blur all others
+FAR = 1.5
 SAMPLES = 6000  # pixels that the basis is made from
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
@@ -37,7 +40,9 @@ def known_arrays(cube, library, environment):
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     t = scene_temperatures(cube)
     mean = np.median(t)
-    spread = max(MIN_TEMPERATURE_SPREAD_K, t.std(), np.abs(t - mean).max() / HOT_SIGMAS)
+    far = FAR * np.quantile(np.abs(t - mean), 0.995, method="higher")
+    off = np.abs(t - mean)[np.abs(t - mean) <= far]
+    spread = max(MIN_TEMPERATURE_SPREAD_K, t[np.abs(t - mean) <= far].std(), off.max() / HOT_SIGMAS)
     is_sky = np.zeros(len(library))
     if library.sky_index is not None:
         is_sky[library.sky_index] = 1
@@ -45,6 +50,7 @@ def known_arrays(cube, library, environment):
     sky_object[list(environment.sky)] = 1
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
     s = cube.sample(SAMPLES)
+    s = s[np.abs(brightness_temperature(cube.wavelength_um, s).mean(axis=1) - mean) <= far]
     usual = _usual_temperature(s, cube, environment)
     basis = _basis(s / cube.sigma, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(

@@ -6,7 +6,7 @@ import numpy as np
 
 from physics.heat_cube import HeatCube
 from physics.planck import radiance
-from physics.simulator.truth import Truth
+from physics.truth import Truth
 
 NAMES = ("grass", "water", "sky", "bark")
 WAVELENGTH = np.linspace(8.0, 14.0, 6)

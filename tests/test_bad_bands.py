@@ -10,6 +10,7 @@ from traced import averaged, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, MaterialLibrary, scratch
 from physics.bad_bands import without_bad_bands
+from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
 from physics.simulator.presets import PRESETS
@@ -52,6 +53,27 @@ def test_a_bad_band_is_found_and_no_other(how, bands, band):
     np.testing.assert_array_equal(left.radiance, cube.radiance[good])
     np.testing.assert_array_equal(left.fwhm_um, cube.fwhm_um[good])
     assert left.netd_k == cube.netd_k
+
+
+def flat(rng, spread_k=0.03, size=(40, 50)):
+    """A wall of nearly one temperature, 54 bands at 50 mK."""
+    w, fwhm = equidistant_bands(54)
+    s = radiance(w[:, None, None], 290 + spread_k * rng.standard_normal(size))
+    s += noise_sigma(w, 0.05)[:, None, None] * rng.standard_normal(s.shape)
+    return w, fwhm, s
+
+
+def test_flares_in_two_bands_say_nothing_of_the_bands_between():
+    w, fwhm, s = flat(np.random.default_rng(0))
+    s[1, 5, 5] = s[52, 20, 30] = 25
+    assert without_bad_bands(HeatCube(s, w, fwhm, 0.05))[1] == {}
+
+
+def test_a_plume_in_two_bands_says_nothing_of_the_bands_between():
+    w, fwhm, s = flat(np.random.default_rng(1))
+    for band in (10, 40):
+        s[band, 10:25, 10:30] *= 0.97
+    assert without_bad_bands(HeatCube(s, w, fwhm, 0.05))[1] == {}
 
 
 def test_many_bad_bands_are_found_at_once():

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import made_up
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 import texnet.cli
 from physics import MaterialLibrary
-from physics.simulator.truth import Truth
+from physics.truth import Truth
 from texnet.cli import main
 from texnet.cube_io import read_cube, write_cube
 
@@ -212,6 +213,16 @@ def test_library_from_cube(capfd, tmp_path):
     assert "--materials" in refused(
         capfd, "library", "from-cube", cube, "--out", library, "--materials", 0
     )
+
+
+def test_weights_refine_as_the_onnx_file_does(capfd, tmp_path, cube):
+    """--model takes what `finetune` writes; the shipped weights are what the shipped file holds."""
+    weights = Path(texnet.__file__).parent / "data" / "texnet.safetensors"
+    for name, words in (("onnx", []), ("torch", ["--model", weights])):
+        code, _, err = run(capfd, "decompose", cube, "--out", tmp_path / name, *words)
+        assert code == 0, err
+    a, b = (np.load(tmp_path / name / "decomposition.npz") for name in ("onnx", "torch"))
+    np.testing.assert_allclose(a["temperature_k"], b["temperature_k"], atol=5e-3)
 
 
 def test_ctrl_c(capfd, tmp_path, monkeypatch):

@@ -33,6 +33,16 @@ def test_what_fills_a_patch_is_seen_and_single_pixels_are_not():
     assert list(glance.materials_seen(doubt)) == [0, 1]
 
 
+@pytest.mark.parametrize("at", range(4))
+def test_a_post_as_wide_as_the_gap_is_seen(at):
+    """Three columns of a picture of which a glance takes every fourth."""
+    band = np.zeros((64, 96))
+    band[:, 40 + at : 43 + at] = 1
+    afar = glance._from_afar(band, 4)
+    assert afar.shape == (16, 24)
+    assert afar.sum() == pytest.approx(0.75 * 16, abs=1)
+
+
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_permuting_the_library_permutes_what_is_seen(seed):

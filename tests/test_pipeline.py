@@ -225,3 +225,18 @@ def test_few_bands_make_it_doubt_its_materials():
     doubt = [answer("sgd", 5, bands)[0].unknown.mean() for bands in (54, 4, 1)]
     assert doubt[0] < doubt[1] < doubt[2]
     assert doubt[2] > 0.7
+
+
+@pytest.mark.parametrize("hot_k", [900.0, 1500.0])
+def test_a_fire_does_not_blur_all_else(hot_k):
+    """One pixel far hotter than all others leaves their answers nearly as they are."""
+    d, cube = answer("net+sgd", 5, 24)
+    s = cube.radiance.copy()
+    s[:, 3, 3] = radiance(cube.wavelength_um, hot_k)
+    burning = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    burning = decompose(burning, LIBRARY, k=5)
+    same = burning.material == d.material
+    assert same.mean() > 0.97
+    assert abs(burning.unknown.mean() - d.unknown.mean()) < 0.02
+    off = np.abs(burning.temperature_k - d.temperature_k)[same]
+    assert np.median(off / d.temperature_sigma_k[same]) < 0.1

@@ -394,3 +394,18 @@ def test_what_one_material_leaves_out_the_others_keep(tmp_path):
     np.testing.assert_array_equal(library.hue_deg, [200, 180])
     np.testing.assert_array_equal(library.albedo_rgb, [[0.1, 0.2, 0.3], [0.4, 0.4, 0.4]])
     assert library.descriptions == ("", "measured")
+
+
+def test_radiance_per_wavenumber_is_noticed():
+    w = np.array([9.0, 10.0, 11.0])[:, None, None]
+    s = radiance(w, 290.0) * np.ones((3, 2, 2))
+    assert "per cm-1" in sentence(HeatCube, s * w**2 / 1e4, w.ravel())
+
+
+def test_a_dead_pixel_is_named_and_a_dead_band_is_not_refused():
+    w = np.array([9.0, 10.0, 11.0])
+    s = np.tile(radiance(w, 290.0)[:, None, None], (1, 4, 5))
+    s[1, 2, 3] = 65535
+    assert "row 2, column 3" in sentence(HeatCube, s, w)
+    s[1] = 65535
+    HeatCube(s, w)

@@ -418,7 +418,7 @@ def _truth(cube_path):
     path = _truth_path(cube_path)
     if not path.exists():
         return None
-    from physics.simulator.truth import Truth  # the simulator takes a second to load
+    from physics.truth import Truth
 
     return Truth.load(path)
 
@@ -442,7 +442,7 @@ def _runner(method, model, device):
         from .learned import torch_model
         from .weights import load_network
 
-        return torch_model(method == "net+sgd", load_network(model)[0], device)
+        return torch_model(method == "net+sgd", load_network(model)[0], device=device)
     if model is not None and method == "net":
         raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
     if model is not None and device != "cpu":

@@ -1,6 +1,7 @@
 """A glance from afar: which of the library's materials the scene holds at all.
 
-A few pixels, every STEP-th of every STEP-th row, are first answered with the whole library. A
+A few pixels, every STEP-th of every STEP-th row (of the next such row, those one to the right, so
+that no post falls between them), are first answered with the whole library. A
 material with less than SHARE of the probability there, and nowhere with OWN of a whole patch's, is
 left out when all pixels are answered. That takes less time, in proportion to the materials, and
 spares the answer some that are rare and wrong. What is left out has probability zero.
@@ -31,13 +32,19 @@ def answer(run, look, cube, materials):
     step = min(STEP, int(math.sqrt(cube.radiance[0].size / PIXELS)))
     if step < 2:
         return run(cube, every)
-    afar = np.stack([band[::step, ::step] for band in scratch.parts(cube.radiance)])
+    afar = np.stack([_from_afar(band, step) for band in scratch.parts(cube.radiance)])
     afar = HeatCube(afar, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     seen = materials_seen(look(afar, every)["material_probability"])
     maps = run(cube, seen)
     maps["material"] = seen.astype(maps["material"].dtype)[maps["material"]]
     maps["material_probability"] = _among_all(maps["material_probability"], seen, materials)
     return maps
+
+
+def _from_afar(band, step):
+    height, width = band.shape
+    row, column = np.ogrid[0:height:step, 0:width:step]
+    return band[row, np.minimum(column + row // step % step, width - 1)]
 
 
 def materials_seen(probability):

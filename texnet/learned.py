@@ -18,7 +18,7 @@ from .weights import load_network
 WEIGHTS = "texnet.safetensors"  # in texnet/data
 
 
-def torch_model(refined=True, network=None, steps=STEPS, device="cpu"):
+def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
     """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
 
     refined   net+sgd, of so many steps; else net.  network   a TeXNet; the shipped one if None

@@ -46,7 +46,7 @@ _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 SOURCES = (
     *(_PHYSICS / name for name in (
         "simulator", "array_file.py", "bands.py", "errors.py", "heat_cube.py", "library.py",
-        "planck.py", "sky.py", "whole_file.py", "data/starter_library.json",
+        "planck.py", "sky.py", "truth.py", "whole_file.py", "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
 )  # fmt: skip

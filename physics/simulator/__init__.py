@@ -8,16 +8,15 @@ trace       light paths, traced once for all bands
 shade       the estimator: paths become radiance and truth
 daylight    the visible picture from the same paths
 sensor      bands of finite width, and noise
-truth       Truth and its file
 traced      TracedScene: the paths of a scene kept, to be shaded again
 simulate    all of it together
 """
 
+from ..truth import Truth
 from .scene import Camera, Scene, SceneObject
 from .scene_file import load_scene
 from .simulate import simulate
 from .traced import TracedScene, trace_scene
-from .truth import Truth
 
 __all__ = [
     "Camera", "Scene", "SceneObject", "TracedScene", "Truth", "load_scene", "presets", "simulate",

@@ -22,11 +22,11 @@ from ..heat_cube import HeatCube
 from ..library import SKY as SKY_NAME
 from ..planck import radiance
 from ..sky import Atmosphere
+from ..truth import Truth
 from .daylight import daylight
 from .sensor import FLOOR_K, Bands, add_noise
 from .shade import Shader, shade
 from .trace import SKY, Paths, Tracer, roulette
-from .truth import Truth
 
 PATHS_PER_BLOCK = 2**16  # some 10 MB of rays and paths, and a quarter of a second
 KEYS = (

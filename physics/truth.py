@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..array_file import load_arrays, save_arrays
+from .array_file import load_arrays, save_arrays
 
 
 @dataclass(frozen=True, eq=False)
