@@ -235,6 +235,25 @@ def test_ctrl_c(capfd, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("package", ["trimesh", "numba"])
+def test_ctrl_c_while_a_package_loads(tmp_path, package):
+    """trimesh, for one, goes on as if nothing had been where an import of its own is stopped."""
+    code = (
+        "import os, signal, sys\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        if name == {package!r}:\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "            try: [None for _ in range(10**6)]\n"
+        "            except BaseException: pass\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "from texnet.cli import main\n"
+        "sys.exit(main(['simulate', 'patches', '--size', '4x4', '--out', sys.argv[1]]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, tmp_path / "c.exr"], capture_output=True)
+    assert done.returncode == 130 and done.stderr == b"" and list(tmp_path.iterdir()) == []
+
+
 def test_json_has_no_nan():
     plain = texnet.cli._plain(
         {"a": np.float32("nan"), "b": [np.inf, np.int16(3)], "c": (np.bool_(True), None)}

@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+import signal
 import sys
 from contextlib import contextmanager
 from functools import cache
@@ -68,14 +69,15 @@ def decompose(args):
 
 
 def simulate(args):
-    from physics.bands import equidistant_bands
-    from physics.simulator import simulate as trace
-    from physics.simulator.presets import preset
-    from physics.simulator.scene_file import load_scene
+    with _loading():
+        from physics.bands import equidistant_bands
+        from physics.simulator import simulate as trace
+        from physics.simulator.presets import preset
+        from physics.simulator.scene_file import load_scene
 
-    from .band_file import read_bands
-    from .cube_io import check_cube_path, write_cube
-    from .progress import progress_bar
+        from .band_file import read_bands
+        from .cube_io import check_cube_path, write_cube
+        from .progress import progress_bar
 
     check_cube_path(args.out)
     beside = _truth_path(args.out)
@@ -354,6 +356,16 @@ def reproduce(args):
     return text, {"command": "reproduce", "figure": args.figure} | result
 
 
+@contextmanager
+def _loading():
+    """Puts Ctrl-C off: a package that is interrupted while it loads may swallow it, or break."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 # --- decompose and demo ------------------------------------------------------------------
 
 
@@ -361,17 +373,19 @@ def _decompose(
     cube_path, directory, library=None, method=None, k=5, model=None, compare=False, budget=None,
     device="cpu",
 ):  # fmt: skip
-    from physics.library import MaterialLibrary
+    with _loading():
+        from physics.library import MaterialLibrary
 
-    from .cube_io import read_cube
+        from .cube_io import read_cube
 
     cube = read_cube(cube_path)
     library = _starter() if library is None else MaterialLibrary.load(library)
     truth = _truth(cube_path)
 
-    from .outputs import check_directory, write_decomposition
-    from .pipeline import decompose
-    from .progress import progress_bar
+    with _loading():
+        from .outputs import check_directory, write_decomposition
+        from .pipeline import decompose
+        from .progress import progress_bar
 
     check_directory(directory)
     # a budget tries all methods, and local and sgd run on the CPU alone
@@ -451,7 +465,8 @@ def _runner(method, model, device):
         from .learned import torch_model
 
         return torch_model(method == "net+sgd", device=device)
-    from export.runtime import Runtime
+    with _loading():
+        from export.runtime import Runtime
 
     if model is not None:
         return Runtime(model).run
