@@ -10,6 +10,7 @@ doubt       when an answer should not be trusted
 learned     the model with the shipped weights
 weights     weights on disk
 cube_io     heat cubes on disk (.exr, .npz)
+cube_import cubes of others (ENVI, HADAR, TeX-1500, .npy); envi reads ENVI, raw_cube converts
 library_io  libraries of others (HADAR .mat, ECOSTRESS, CSV); mat_file reads .mat
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
