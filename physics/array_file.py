@@ -16,8 +16,19 @@ def save_arrays(path, arrays, *, compress):
     with whole_file(path) as whole, zipfile.ZipFile(whole, "w", method) as file:
         for name, array in arrays.items():
             with file.open(f"{name}.npy", "w", force_zip64=True) as npy:
-                np.lib.format.write_array(npy, np.asarray(array), allow_pickle=False)
-            scratch.release(array)
+                array = np.asarray(array)
+                np.lib.format.write_array(_Released(npy, array), array, allow_pickle=False)
+
+
+class _Released:
+    """A file to write an array to, which does not keep in memory what is written."""
+
+    def __init__(self, file, array):
+        self.file, self.array = file, array
+
+    def write(self, part):
+        self.file.write(part)
+        scratch.release(self.array)
 
 
 def load_arrays(path, names, what):

@@ -11,6 +11,7 @@ learned     the model with the shipped weights
 weights     weights on disk
 band_file   filters on disk, as `texnet bands` designs them
 cube_io     heat cubes on disk (.exr, .npz)
+cube_import cubes of others (ENVI, HADAR, TeX-1500, .npy); envi reads ENVI, raw_cube converts
 library_io  libraries of others (HADAR .mat, ECOSTRESS, CSV); mat_file reads .mat
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture

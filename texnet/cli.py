@@ -68,6 +68,24 @@ def decompose(args):
     )  # fmt: skip
 
 
+def import_(args):
+    from .cube_import import import_cube
+    from .cube_io import check_cube_path, write_cube
+    from .progress import progress_bar
+
+    check_cube_path(args.out)
+    with progress_bar() as report:
+        cube, note = import_cube(
+            args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report
+        )
+    write_cube(cube, args.out)
+    text = f"{note}\n{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels."
+    return text, {
+        "command": "import", "cube": args.out, "note": note, "bands": cube.bands,
+        "size": cube.shape, "wavelength_um": cube.wavelength_um, "netd_k": cube.netd_k,
+    }  # fmt: skip
+
+
 def simulate(args):
     with _loading():
         from physics.bands import equidistant_bands
@@ -563,6 +581,24 @@ def _parser():
     p = add(commands, "demo", demo, "decompose the packaged night scene and draw the pictures")
     p.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
 
+    p = add(commands, "import", import_, "turn a cube of others into one for decompose")
+    p.add_argument(
+        "file", metavar="FILE", type=Path,
+        help="ENVI .hdr or its binary, HADAR or TeX-1500 .mat, .npz, .npy (bands first)",
+    )  # fmt: skip
+    p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
+    p.add_argument(
+        "--unit", metavar="UNIT",
+        help="of the radiance: W/m2/sr/um, mW/m2/sr/um, microflick, W/m2/sr/cm-1 ...; HADAR's is "
+        "known",
+    )  # fmt: skip
+    for name, example in (("--wavelengths", "um, such as 8:14"), ("--wavenumbers", "cm-1")):
+        p.add_argument(
+            name, metavar="FIRST:LAST", type=_first_last,
+            help=f"where the file does not say: first and last band in {example}; equidistant",
+        )  # fmt: skip
+    p.add_argument("--netd", metavar="K", type=_netd, help="sensor noise in K at 300 K, if known")
+
     p = add(commands, "simulate", simulate, "path-trace a cube, its truth beside it")
     p.add_argument("scene", metavar="SCENE", help="name of a preset, or a .json scene file")
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
@@ -692,7 +728,7 @@ def _parser():
     )  # fmt: skip
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
-        "--wavenumbers", metavar="FIRST:LAST", type=_wavenumbers,
+        "--wavenumbers", metavar="FIRST:LAST", type=_first_last,
         help=".mat: first and last band in cm-1, equidistant, such as 760:1240",
     )  # fmt: skip
     p.add_argument("--names", metavar="FILE", type=Path, help=".mat: text, one name a line")
@@ -732,10 +768,10 @@ def _size(text):
     return int(match[1]), int(match[2])
 
 
-def _wavenumbers(text):
+def _first_last(text):
     match = re.fullmatch(r"([0-9]{1,6}\.?[0-9]{0,9}):([0-9]{1,6}\.?[0-9]{0,9})", text)
     if match is None:
-        raise argparse.ArgumentTypeError(f"need FIRST:LAST in cm-1 such as 760:1240, got {text!r}")
+        raise argparse.ArgumentTypeError(f"need FIRST:LAST such as 760:1240, got {text!r}")
     return float(match[1]), float(match[2])
 
 

@@ -21,6 +21,7 @@ import zlib
 from contextlib import contextmanager, redirect_stdout
 from decimal import Decimal
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -43,7 +44,8 @@ UNITS = "W.m^-2.sr^-1"
 PER_UM = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
 READ_BYTES = 1 << 26  # at once
 BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k")
-BROKEN_NPZ = (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
+BROKEN_NPY = (ValueError, TypeError, OverflowError, SyntaxError, RuntimeError, TokenError)
+BROKEN_NPZ = (*BROKEN_NPY, OSError, EOFError, zipfile.BadZipFile, zlib.error)
 SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
 
 
@@ -101,7 +103,10 @@ def channel_wavelength_um(name):
 def _format(path):
     if path.suffix.lower() not in _FORMATS:
         kinds = " or ".join(_FORMATS)
-        raise InputError(f"cube: {path.name} is no cube file that is known here; use {kinds}.")
+        raise InputError(
+            f"cube: {path.name} is no cube file that is known here; use {kinds} (texnet import "
+            "makes one of ENVI, .mat, .npy)."
+        )
     return _FORMATS[path.suffix.lower()]
 
 
@@ -128,20 +133,20 @@ def _read_npz(path):
     if netd.size != 1:
         raise InputError(f"cube: netd_k in {path} must be one number, got shape {netd.shape}.")
     netd = netd.item()
-    return HeatCube(_unpacked(path), **arrays, netd_k=None if np.isnan(netd) else netd)
+    return HeatCube(unpacked(path, "radiance"), **arrays, netd_k=None if np.isnan(netd) else netd)
 
 
-def _unpacked(path):
-    """The array radiance of an npz as read-only float32, read a part at a time."""
+def unpacked(path, key):
+    """An array of real numbers in an npz as read-only float32, read a part at a time."""
     try:
-        with zipfile.ZipFile(path) as archive, archive.open("radiance.npy") as npy:
+        with zipfile.ZipFile(path) as archive, archive.open(f"{key}.npy") as npy:
             version = np.lib.format.read_magic(npy)
             read_header = {
                 (1, 0): np.lib.format.read_array_header_1_0,
                 (2, 0): np.lib.format.read_array_header_2_0,
             }[version]
             shape, fortran, dtype = read_header(npy)
-            _check_numbers(dtype, "radiance", path)
+            _check_numbers(dtype, key, path)
             radiance = scratch.empty(shape[::-1] if fortran else shape, np.float32)
             flat, n = radiance.reshape(-1), READ_BYTES // dtype.itemsize
             for start in range(0, flat.size, n):

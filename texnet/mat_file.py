@@ -82,7 +82,7 @@ def _variable(body):
         stored, numbers = parts[3]
         if stored not in STORED:
             raise ValueError("numbers of no known type")
-        array = np.frombuffer(numbers, "<" + STORED[stored]).astype(NUMERIC[kind])
+        array = np.frombuffer(numbers, "<" + STORED[stored]).astype(NUMERIC[kind], copy=False)
         return name, array.reshape(shape, order="F")
     if kind == CHAR:
         return name, _rows(shape, *parts[3]) if shape.prod() else [""]

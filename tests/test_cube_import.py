@@ -1,0 +1,573 @@
+"""The same scene in every file, order and unit is the same HeatCube; what a file leaves open is
+refused."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from physics import InputError, scratch
+from physics.planck import radiance
+from texnet import raw_cube
+from texnet.cli import main
+from texnet.cube_import import import_cube
+from texnet.cube_io import read_cube
+from texnet.raw_cube import UNITS
+
+ANY = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+NU = np.linspace(720.0, 1250.0, 6)  # cm-1, ascending, so um descending
+W = 1e4 / NU
+T = np.array([[[280.0, 285.0, 290.0, 295.0], [300.0, 250.0, 310.0, 260.0]]])  # K, 2 x 4 pixels
+S = radiance(W[:, None, None], T)  # (6, 2, 4) W m-2 sr-1 um-1, bands in descending um
+PER_CM1 = S * W[:, None, None] ** 2 / 1e4
+TYPES = {1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8"}
+FLAGS = ["--unit", "W/m2/sr/um"]
+
+
+def envi(path, s, interleave="bsq", big=False, kind=4, skip=0, tail=0, **fields):
+    """Write s (bands, lines, samples) number by number, as the format's description says."""
+    bands, lines, samples = s.shape
+    number = np.dtype((">" if big else "<") + TYPES[kind])
+    order = {
+        "bsq": ((b, i, j) for b in range(bands) for i in range(lines) for j in range(samples)),
+        "bil": ((b, i, j) for i in range(lines) for b in range(bands) for j in range(samples)),
+        "bip": ((b, i, j) for i in range(lines) for j in range(samples) for b in range(bands)),
+    }[interleave]
+    with open(path.with_suffix(".dat"), "wb") as file:
+        file.write(b"x" * skip)
+        for index in order:
+            file.write(np.array(s[index]).astype(number).tobytes())
+        file.write(b"y" * tail)
+    header = {
+        "description": "{\n  A = night, }", "samples": samples, "lines": lines, "bands": bands,
+        "header offset": skip, "file type": "ENVI Standard", "data type": kind,
+        "interleave": interleave, "byte order": int(big), "wavelength": W[:bands],
+        "wavelength units": "Micrometers",
+    } | {key.replace("_", " "): value for key, value in fields.items()}  # fmt: skip
+    text = ["ENVI", "; a comment with interleave = none"]
+    for key, value in header.items():
+        if isinstance(value, np.ndarray):
+            value = "{" + ",\n ".join(map(repr, value.tolist())) + "}"
+        if value is not None:
+            text.append(f"{key} = {value}")
+    path.with_suffix(".hdr").write_text("\n".join(text) + "\n", encoding="utf-8")
+    return path.with_suffix(".hdr")
+
+
+def mat(path, **variables):
+    savemat(path, variables)
+    return path
+
+
+def check_same(cube, s=S, w=W, rtol=1e-6):
+    """The cube is s (bands, height, width) at w, in ascending order."""
+    order = np.argsort(w)
+    np.testing.assert_allclose(cube.wavelength_um, w[order], rtol=1e-7)
+    np.testing.assert_allclose(cube.radiance, s[order], rtol=rtol)
+    assert cube.radiance.dtype == np.float32 and not cube.radiance.flags.writeable
+
+
+def refused(capfd, *words):
+    """The one sentence that `import` refuses with."""
+    code = main(["import", *map(str, words)])
+    out, err = capfd.readouterr()
+    assert code == 2 and out == ""
+    assert err.startswith("texnet: error: ") and err.count("\n") == 1 and "Traceback" not in err
+    return err
+
+
+@pytest.fixture
+def in_parts(monkeypatch):
+    """Small parts, and every array in a file."""
+    monkeypatch.setattr(raw_cube, "PART", 5)
+    monkeypatch.setattr(scratch, "LARGE", 0)
+
+
+# --- ENVI --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("interleave", ["bsq", "bil", "bip"])
+def test_every_order_of_numbers_and_bytes(tmp_path, in_parts, interleave, big):
+    path = envi(tmp_path / "a", S, interleave, big, skip=7)
+    cube, note = import_cube(path, "W/m2/sr/um")
+    check_same(cube)
+    assert cube.netd_k is None and (cube.fwhm_um == 0).all()
+    for word in (interleave, "6 bands of 2 x 4 pixels", "order reversed", "narrow", "warmer than"):
+        assert word in note
+    check_same(import_cube(tmp_path / "a.dat", "W/m2/sr/um")[0])  # by its binary
+
+
+@given(data=st.data())
+@ANY
+def test_every_type_of_number_with_gains_and_bad_bands(tmp_path, data):
+    """Whole numbers n, bands in any order; radiance is gain n + offset."""
+    draw = data.draw
+    kind, big = draw(st.sampled_from(list(TYPES))), draw(st.booleans())
+    interleave = draw(st.sampled_from(["bsq", "bil", "bip"]))
+    shape = tuple(draw(st.integers(1, 5)) for _ in range(3))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    numbers = rng.integers(1, 100, shape)
+    w = 8 + 0.5 * rng.permutation(8)[: shape[0]]
+    good = rng.random(shape[0]) < 0.7
+    good[rng.integers(shape[0])] = True
+    gain, offset = rng.uniform(0.01, 0.02, shape[0]), rng.uniform(6, 8, shape[0])
+    path = envi(
+        tmp_path / "a", numbers, interleave, big, kind, draw(st.integers(0, 9)), wavelength=w,
+        fwhm=w / 100, bbl=good.astype(int), data_gain_values=gain, data_offset_values=offset,
+    )  # fmt: skip
+    cube, note = import_cube(path, "W/m2/sr/um", netd_k=0.1)
+    expected = [
+        (w[b], gain[b] * numbers[b] + offset[b]) for b in sorted(range(shape[0]), key=w.item)
+        if good[b]
+    ]  # fmt: skip
+    assert cube.wavelength_um.tolist() == [at for at, _ in expected] and cube.netd_k == 0.1
+    np.testing.assert_allclose(cube.radiance, [s for _, s in expected], rtol=1e-6)
+    np.testing.assert_allclose(cube.fwhm_um, cube.wavelength_um / 100)
+    left_out = "left out that the file calls bad"
+    assert "gain and offset" in note and (left_out in note) == (not good.all())
+
+
+@pytest.mark.parametrize(
+    "words, centre",
+    [
+        ("Micrometers", W), ("um", W), ("µm", W), ("MICRONS", W),
+        ("Nanometers", 1e3 * W), ("nm", 1e3 * W), ("Wavenumber", NU), ("cm-1", NU),
+    ],
+)  # fmt: skip
+def test_every_unit_of_bands(tmp_path, words, centre):
+    path = envi(tmp_path / "a", S, wavelength=centre, wavelength_units=words)
+    check_same(import_cube(path, "W/m2/sr/um")[0])
+
+
+def test_widths_by_hand(tmp_path):
+    """5 cm-1 at 1000 cm-1 is 10025.06 nm - 9975.06 nm = 50 nm, and 4 times as much at 500 cm-1."""
+    for centre, units, width in [
+        ([1000.0, 500.0], "Wavenumber", [5.0, 5.0]),
+        ([1e4, 2e4], "Nanometers", [50.0, 200.0]),
+        ([10.0, 20.0], "Micrometers", [0.05, 0.2]),
+    ]:
+        path = envi(
+            tmp_path / "a", S[:2], wavelength=np.array(centre), wavelength_units=units,
+            fwhm=np.array(width),
+        )  # fmt: skip
+        cube, note = import_cube(path, "W/m2/sr/um")
+        np.testing.assert_allclose(cube.wavelength_um, [10, 20])
+        np.testing.assert_allclose(cube.fwhm_um, [0.05, 0.2])
+        assert "narrow" not in note
+
+
+def test_the_scale_factor_divides(tmp_path):
+    path = envi(tmp_path / "a", 1e4 * S, kind=5, reflectance_scale_factor=1e4)
+    cube, note = import_cube(path, "W/m2/sr/um")
+    check_same(cube)
+    assert "divided by the reflectance scale factor 10000" in note
+
+
+def test_bands_without_a_measurement_stay_dead(tmp_path, in_parts):
+    """So that decompose finds them and names them."""
+    for interleave in ("bsq", "bip"):
+        s = S.copy()
+        s[2] = 7777
+        path = envi(tmp_path / "a", s, interleave, data_ignore_value=7777)
+        cube, _ = import_cube(path, "W/m2/sr/um")
+        assert np.isnan(cube.radiance[3]).all()
+        np.testing.assert_allclose(cube.radiance[[0, 1, 2, 4, 5]], S[[5, 4, 3, 1, 0]], rtol=1e-6)
+
+
+def test_pixels_without_a_measurement_are_refused(tmp_path, in_parts):
+    for interleave in ("bsq", "bil", "bip"):
+        s = S.copy()
+        s[:, 1, 2:] = -9999
+        path = envi(tmp_path / "a", s, interleave, data_ignore_value=-9999)
+        with pytest.raises(InputError, match="2 of 8 pixels hold the data ignore value -9999"):
+            import_cube(path, "W/m2/sr/um")
+    s[s < 0] = 1.1  # which float32 rounds
+    path = envi(tmp_path / "a", s, data_ignore_value=1.1)
+    with pytest.raises(InputError, match="2 of 8 pixels hold the data ignore value 1.1"):
+        import_cube(path, "W/m2/sr/um")
+    s[:] = S
+    path = envi(tmp_path / "a", s, data_ignore_value=-9999)
+    check_same(import_cube(path, "W/m2/sr/um")[0])
+    check_same(import_cube(envi(tmp_path / "a", s, data_ignore_value="NaN"), "W/m2/sr/um")[0])
+
+
+@pytest.mark.parametrize(
+    "names", [("n.img", "n.hdr"), ("n.dat.hdr", "n.dat"), ("N.HDR", "n"), ("n.sc", "n.sc.hdr")]
+)
+def test_names_of_header_and_binary(tmp_path, names):
+    header = envi(tmp_path / "a", S)
+    for name in names:
+        is_header = name.lower().endswith(".hdr")
+        (header if is_header else header.with_suffix(".dat")).rename(tmp_path / name)
+    for name in names:
+        check_same(import_cube(tmp_path / name, "W/m2/sr/um")[0])
+
+
+def test_bytes_after_the_last_pixel_are_said(tmp_path):
+    cube, note = import_cube(envi(tmp_path / "a", S, tail=13), "W/m2/sr/um")
+    check_same(cube)
+    assert "13 bytes after the last pixel left unread" in note
+
+
+@pytest.mark.parametrize(
+    "fields, sentence",
+    [
+        (dict(lines=3), "has 192 bytes where its header asks for 0 + 6 x 3 x 4 x 4"),
+        (dict(samples=10**17, bands=6), "asks for 0 + 6 x 2 x 100000000000000000 x 4"),
+        (dict(header_offset=1), "asks for 1 + 6 x 2 x 4 x 4"),
+        (dict(samples=0), "samples must be a whole number >= 1, not '0'"),
+        (dict(samples="-4"), "samples must be a whole number"),
+        (dict(samples="4.0"), "samples must be a whole number"),
+        (dict(samples="9" * 5000), "samples must be a whole number"),
+        (dict(samples=None), "the field samples is missing"),
+        (dict(byte_order=None), "the field byte order is missing"),
+        (dict(byte_order=2), "byte order must be 0"),
+        (dict(interLEAVE=""), "not ''"),
+        (dict(data_type=6), "data type 6 is no real number"),
+        (dict(data_type=9), "use 1, 2, 3, 4, 5, 12, 13, 14, 15"),
+        (dict(Interleave="tiled"), "interleave must be bsq, bil or bip, not 'tiled'"),
+        (dict(file_type="TIFF"), "file type must be ENVI Standard"),
+        (dict(file_compression=1), "file compression is not known here"),
+        (dict(minor_frame_offsets="{0, 8}"), "minor frame offsets is not known here"),
+        (dict(wavelength=W[:5]), "wavelength holds 5 numbers where 6 are needed"),
+        (dict(wavelength="{1, 2, x, 4, 5, 6}"), "wavelength must hold finite numbers"),
+        (dict(wavelength="{1, 2, inf, 4, 5, 6}"), "wavelength must hold finite numbers"),
+        (dict(wavelength="{1, 2"), "the list of 'wavelength' has no end }"),
+        (dict(wavelength=np.array([8, 9, 10, 9, 11, 12])), "9 um is there twice"),
+        (dict(wavelength=np.zeros(6)), "band centres must be finite and positive"),
+        (dict(wavelength=1e3 * W), "13888.9-8000 um leave 1-100 um"),
+        (dict(wavelength_units="Nanometers"), "13.8889-8 nm leave 1-100 um"),
+        (dict(wavelength=None), "does not say where its 6 bands lie"),
+        (dict(wavelength_units="Index"), "where its wavelength units are 'Index'"),
+        (dict(wavelength_units="Unknown"), "write Micrometers, Nanometers or Wavenumber"),
+        (dict(wavelength_units=None), "where its wavelength units are missing"),
+        (dict(fwhm=-W), "one width >= 0"),
+        (dict(bbl=np.zeros(6)), "all of its bands bad"),
+        (dict(data_gain_values=W[:1]), "data gain values holds 1 numbers where 6 are needed"),
+        (dict(data_gain_values=0 * W), "zero or negative"),
+        (dict(data_gain_values=np.full(6, 1e300)), "NaN or infinite"),
+        (dict(data_ignore_value="none"), "data ignore value must hold finite numbers"),
+        (dict(reflectance_scale_factor=0), "must not be 0"),
+        (dict(reflectance_scale_factor=10, data_gain_values=W), "leave in what makes radiance"),
+    ],
+)
+def test_wrong_headers(tmp_path, capfd, fields, sentence):
+    path = envi(tmp_path / "a", S, **fields)
+    assert sentence in refused(capfd, path, "--out", tmp_path / "b.npz", *FLAGS)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.dat", "a.hdr"]
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(ANY, max_examples=300)
+def test_damaged_headers_never_crash(tmp_path, seed):
+    path = envi(tmp_path / "a", S, fwhm=W / 100, bbl=np.ones(6), data_gain_values=np.ones(6))
+    rng, data = np.random.default_rng(seed), bytearray(path.read_bytes())
+    for _ in range(rng.integers(1, 6)):
+        data[rng.integers(len(data))] = rng.choice([*b"0123456789-.,{}=;\nE ", 0, 255])
+    path.write_bytes(data[: rng.integers(1, len(data))] if rng.integers(2) else data)
+    try:
+        cube, _ = import_cube(path, "W/m2/sr/um")
+    except InputError as e:
+        assert str(e).startswith("cube: ") and "\n" not in str(e)
+    else:
+        assert cube.bands <= 6 and cube.radiance[0].size <= 48
+
+
+def test_headers_without_a_binary_and_the_reverse(tmp_path, capfd):
+    path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
+    (tmp_path / "a.img").write_bytes(b"")
+    assert "may belong to a.dat and a.img" in refused(capfd, path, "--out", out, *FLAGS)
+    assert "its header asks for" in refused(capfd, tmp_path / "a.img", "--out", out, *FLAGS)
+    (tmp_path / "a.img").unlink()
+    (tmp_path / "a.dat").unlink()
+    assert "there is no a or a.dat beside" in refused(capfd, path, "--out", out, *FLAGS)
+    (tmp_path / "c.raw").write_bytes(b"x")
+    sentence = refused(capfd, tmp_path / "c.raw", "--out", out, *FLAGS)
+    assert "its .hdr must lie beside it" in sentence
+    (tmp_path / "c.hdr").write_bytes(b"BYTEORDER I\nNROWS 2\n")
+    assert "first line must be ENVI" in refused(capfd, tmp_path / "c.raw", "--out", out, *FLAGS)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize("interleave", ["bsq", "bip"])
+def test_a_cube_is_imported_in_less_memory_than_it_takes(tmp_path, interleave):
+    bands, lines, samples = 24, 1000, 1600  # 154 MB
+    path = envi(
+        tmp_path / "a", np.ones((bands, 1, 1)), interleave, lines=lines, samples=samples,
+        wavelength=np.linspace(8, 14, bands),
+    )  # fmt: skip
+    np.full(bands * lines * samples, 7, "<f4").tofile(path.with_suffix(".dat"))
+    code = (
+        "import re, sys; from texnet import raw_cube; from texnet.cli import main;"
+        "import texnet.cube_import, texnet.progress; raw_cube.PART = 1 << 20;"
+        # not ru_maxrss, which starts at that of the tests
+        "peak = lambda: int(re.search(r'VmHWM:\\s*(\\d+)', open('/proc/self/status').read())[1]);"
+        "before = peak(); sys.stdout = sys.stderr;"
+        "main(['import', *sys.argv[1:], '--unit', 'W/m2/sr/um']);"
+        "print(peak() - before, file=sys.__stdout__)"
+    )
+    command = [sys.executable, "-c", code, path, "--out", tmp_path / "b.npz"]
+    out = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert 1024 * int(out.stdout) < 0.5 * 4 * bands * lines * samples
+
+
+# --- units -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_planck_in_any_unit_gives_its_temperature_back(tmp_path, unit):
+    """Per cm-1 by Planck's law in wavenumbers, 2 h c^2 nu^3 / (exp(h c nu / k T) - 1), in SI."""
+    h, c, k = 6.62607015e-34, 299792458.0, 1.380649e-23
+    nu = 100 * NU[:, None, None]  # m-1
+    per_m1 = 2 * h * c**2 * nu**3 / np.expm1(h * c * nu / (k * T))  # W m-2 sr-1 per m-1
+    area = 1e-4 if "/cm2" in unit else 1.0
+    prefix = {"W": 1.0, "mW": 1e3, "uW": 1e6, "microflick": 1e4}[unit.split("/")[0]]
+    if unit == "microflick":
+        area = 1e-2  # 1 W m-2 is 100 uW cm-2
+    s = prefix * area * (100 * per_m1 if unit.endswith("cm-1") else per_m1 * nu**2 * 1e-6)
+    cube, note = import_cube(envi(tmp_path / "a", s, kind=5), unit)
+    check_same(cube)
+    np.testing.assert_allclose(cube.brightness_temperature_k, T[0], rtol=1e-6)
+    became = " kept" if unit == "W/m2/sr/um" else " became W m-2 sr-1 um-1"
+    assert f"; {unit}{became};" in note and "half of it is warmer than 288 K" in note
+
+
+@pytest.mark.parametrize(
+    "true, said, sentence",
+    [
+        ("microflick", "W/m2/sr/um", " K in microflick)."),
+        ("mW/m2/sr/um", "W/m2/sr/um", " K in mW/m2/sr/um)."),
+        ("mW/m2/sr/cm-1", "W/m2/sr/cm-1", " K in mW/m2/sr/cm-1)."),
+        ("W/m2/sr/um", "W/cm2/sr/um", " K in W/m2/sr/um)."),
+        ("W/cm2/sr/um", "W/m2/sr/um", " K in W/cm2/sr/um)."),
+        ("W/cm2/sr/um", "mW/m2/sr/um", "give the right --unit (288 K in W/cm2/sr/um)."),
+    ],
+)
+def test_a_wrong_unit_is_refused_and_the_right_one_named(tmp_path, capfd, true, said, sentence):
+    factor, per_cm1 = UNITS[true]
+    path = envi(tmp_path / "a", (PER_CM1 if per_cm1 else S) / factor)
+    error = refused(capfd, path, "--out", tmp_path / "b.npz", "--unit", said)
+    assert sentence in error and f"in {said} half of it would be warmer than" in error
+
+
+@pytest.mark.parametrize(
+    "true, said", [("W/m2/sr/cm-1", "W/m2/sr/um"), ("mW/m2/sr/um", "microflick")]
+)
+def test_an_unusual_temperature_is_said(tmp_path, true, said):
+    factor, per_cm1 = UNITS[true]
+    path = envi(tmp_path / "a", (PER_CM1 if per_cm1 else S) / factor)
+    note = import_cube(path, said)[1]
+    assert f"which is unusual (288 K in {true})" in note
+
+
+def test_a_unit_is_never_guessed(tmp_path, capfd):
+    path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
+    assert "give --unit, one of W/m2/sr/um, mW" in refused(capfd, path, "--out", out)
+    assert "'flick' is no unit" in refused(capfd, path, "--out", out, "--unit", "flick")
+
+
+# --- .mat, .npz and .npy -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["S", "HSI"])
+def test_hadar(tmp_path, in_parts, key):
+    path = mat(tmp_path / "a.mat", **{key: PER_CM1.transpose(1, 2, 0), "other": ["x"]})
+    cube, note = import_cube(path, wavenumbers_cm1=(720, 1250))
+    check_same(cube)
+    assert f"HADAR .mat, {key}" in note and "W/m2/sr/cm-1 became" in note
+    assert "720-1250 cm-1 became 8-13.89 um, order reversed" in note
+    micro = mat(tmp_path / "b.mat", **{key: 100 * S.transpose(1, 2, 0)})
+    check_same(import_cube(micro, "microflick", wavenumbers_cm1=(720, 1250))[0])
+
+
+def test_the_published_mean_radiances_are_289_k(tmp_path):
+    """Channel means of the published cubes: 0.12648 at 720 and 0.04625 at 1250 cm-1."""
+    s = np.full((2, 3, 2), [0.12648, 0.04625])
+    cube, note = import_cube(mat(tmp_path / "a.mat", S=s), wavenumbers_cm1=(720, 1250))
+    np.testing.assert_allclose(cube.brightness_temperature_k, 289, atol=0.5)
+    assert "half of it is warmer than 289 K" in note
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("suffix", [".mat", ".npz"])
+def test_tex1500(tmp_path, in_parts, suffix, first):
+    arrays = {
+        "denoised_hsi_original": 100 * (S if first else S.transpose(1, 2, 0)),
+        "HSI": np.zeros((2, 2, 2)), "working_wav": W[None], "hsi_wav": 0 * W[None],
+        "good_band_indices": np.array([[0, 1, 3, 5]]),
+    }  # fmt: skip
+    if suffix == ".mat":
+        mat(tmp_path / "a.mat", **arrays)
+    else:
+        np.savez(tmp_path / "a.npz", **arrays)
+    cube, note = import_cube(tmp_path / f"a{suffix}", "microflick")
+    check_same(cube, S[[0, 1, 3, 5]], W[[0, 1, 3, 5]])
+    axes = "bands x height x width" if first else "height x width x bands"
+    assert f"denoised_hsi_original ({axes}) over working_wav" in note
+    assert "good_band_indices counts from 0" in note and "2 bands left out" in note
+
+
+def test_indices_that_reach_the_number_of_bands_count_from_1(tmp_path):
+    np.savez(tmp_path / "a.npz", cube=S, wav=W, good_bands=[2, 4, 6])
+    cube, note = import_cube(tmp_path / "a.npz", "W/m2/sr/um")
+    check_same(cube, S[1::2], W[1::2])
+    assert "counts from 1" in note
+
+
+@pytest.mark.parametrize(
+    "arrays, sentence",
+    [
+        (dict(cube=S), "its wavelengths in um (working_wav, hsi_wav"),
+        (dict(wav=W), "must hold a cube (denoised_hsi_original"),
+        (dict(cube=S, wav=W[:5]), "cube in {} is 6 x 2 x 4, so that its 5 bands (wav)"),
+        (dict(cube=np.ones((6, 4, 6)), wav=W), "not either its first axis or its last"),
+        (dict(cube=S[0], wav=W), "not either"),
+        (dict(cube=S, wav=W, good_bands=[0, 6]), "must hold indices of its 6 bands"),
+        (dict(cube=S, wav=W, good_bands=[0, 1, 1, 0, 1, 1]), "each once"),
+        (dict(cube=S, wav=W, good_bands=[0.5]), "must hold indices"),
+        (dict(cube=S, wav=W, good_bands=[]), "all of its bands bad"),
+        (dict(cube=S, wav=[np.nan] * 6), "wav in {} must hold finite real numbers"),
+        (dict(cube=S * 1j, wav=W), "real numbers"),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_wrong_tex1500_files(tmp_path, capfd, suffix, arrays, sentence):
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".mat":
+        mat(path, **arrays)
+        if "1j" in str(arrays) or np.iscomplexobj(arrays.get("cube")):
+            sentence = "is no array"
+        if arrays.get("good_bands") == []:
+            sentence = "all of its bands bad"
+    else:
+        np.savez(path, **arrays)
+    error = refused(capfd, path, "--out", tmp_path / "b.npz", *FLAGS)
+    assert sentence.format(path) in error and [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("flag, ends", [("wavenumbers_cm1", NU), ("wavelengths_um", W)])
+def test_npy(tmp_path, in_parts, order, flag, ends):
+    w = 1e4 / NU if flag == "wavenumbers_cm1" else np.linspace(W[0], W[-1], 6)
+    s = np.tile(radiance(w[:, None, None], T), (1, 4, 2))
+    np.save(tmp_path / "a.npy", np.asarray(s, ">f8", order=order))
+    cube, note = import_cube(tmp_path / "a.npy", "W/m2/sr/um", **{flag: tuple(ends[[0, -1]])})
+    check_same(cube, s, w)
+    assert "6 bands of 8 x 8 pixels" in note
+
+
+@pytest.mark.parametrize(
+    "array, sentence",
+    [
+        (np.ones((8, 9, 6)), "8 x 9 x 6, which looks like height x width x bands"),
+        (np.ones((6, 9)), "three axes"),
+        (1j * S, "real numbers"),
+        (np.array([["a"]]), "real numbers"),
+        (np.array([{}]), "not a whole npy file of plain numbers"),
+        (np.ones((0, 2, 2)), "it holds no numbers (0 x 2 x 2)"),
+    ],
+)
+def test_wrong_npy_files(tmp_path, capfd, array, sentence):
+    np.save(tmp_path / "a.npy", array)
+    flags = [*FLAGS, "--wavelengths", "8:14"]
+    assert sentence in refused(capfd, tmp_path / "a.npy", "--out", tmp_path / "b.npz", *flags)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat"])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(ANY, max_examples=100)
+def test_damaged_arrays_never_crash(tmp_path, suffix, seed):
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".npy":
+        np.save(path, S)
+    elif suffix == ".npz":
+        np.savez_compressed(path, cube=S, wav=W)
+    else:
+        mat(path, S=PER_CM1.transpose(1, 2, 0))
+    rng, data = np.random.default_rng(seed), bytearray(path.read_bytes())
+    for _ in range(rng.integers(1, 4)):
+        data[rng.integers(len(data))] = rng.integers(0, 256)
+    path.write_bytes(data[: rng.integers(1, len(data))] if rng.integers(2) else data)
+    try:
+        import_cube(path, "W/m2/sr/um", wavenumbers_cm1=None if suffix == ".npz" else (720, 1250))
+    except InputError as e:
+        assert str(e).startswith("cube: ")
+
+
+# --- the command -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".exr"])
+def test_the_command_writes_what_decompose_reads(tmp_path, capfd, suffix):
+    path, out = envi(tmp_path / "a", 100 * S, "bil"), tmp_path / f"b{suffix}"
+    words = ["import", path, "--out", out, "--unit", "microflick", "--netd", "0.05", "--json"]
+    code = main([str(word) for word in words])
+    said, err = capfd.readouterr()
+    assert code == 0 and err == ""
+    result = json.loads(said.splitlines()[-1])
+    assert result["note"] == said.splitlines()[0] and said.splitlines()[1].endswith("4 pixels.")
+    assert result["bands"] == 6 and result["size"] == [2, 4] and result["netd_k"] == 0.05
+    cube = read_cube(out)
+    check_same(cube)
+    assert cube.netd_k == 0.05
+
+
+def test_bands_are_said_once(tmp_path, capfd):
+    path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
+    flag = ["--wavelengths", "8:14"]
+    assert "leave out --wavelengths" in refused(capfd, path, "--out", out, *FLAGS, *flag)
+    path = mat(tmp_path / "a.mat", S=np.ones((2, 2, 54)))
+    assert "54 bands need --wavenumbers 720:1250" in refused(capfd, path, "--out", out)
+    flag += ["--wavenumbers", "720:1250"]
+    assert "not both" in refused(capfd, path, "--out", out, *flag)
+    flag = ["--wavenumbers", "8:14"]
+    assert "8-14 cm-1 leave 1-100 um" in refused(capfd, path, "--out", out, *flag)
+    assert "need FIRST:LAST" in refused(capfd, path, "--out", out, "--wavenumbers", "720-1250")
+
+
+def test_an_index_is_replaced_by_a_flag(tmp_path):
+    path = envi(tmp_path / "a", S, wavelength=np.arange(6.0) + 1, wavelength_units="Index")
+    check_same(import_cube(path, "W/m2/sr/um", wavenumbers_cm1=(720, 1250))[0])
+
+
+def test_other_mistakes(tmp_path, capfd):
+    path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
+    assert "no file" in refused(capfd, tmp_path / "gone.hdr", "--out", out)
+    assert "use .exr or .npz" in refused(capfd, path, "--out", tmp_path / "b.hdr", *FLAGS)
+    (tmp_path / "a.exr").write_bytes(b"")
+    assert "needs no import" in refused(capfd, tmp_path / "a.exr", "--out", out)
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(99))
+    assert "save -v7." in refused(capfd, tmp_path / "a.mat", "--out", out)
+    path = mat(tmp_path / "a.mat", S=S[0])
+    assert "S in" in refused(capfd, path, "--out", out, "--wavenumbers", "720:1250")
+    path = envi(tmp_path / "c", -S)
+    assert "zero or negative" in refused(capfd, path, "--out", out, *FLAGS)
+    path = envi(tmp_path / "c", S)
+    assert "NETD must be" in refused(capfd, path, "--out", out, *FLAGS, "--netd", "0")
+
+
+def test_a_failed_import_leaves_the_old_cube(tmp_path, capfd):
+    out = tmp_path / "b.npz"
+    out.write_text("old", encoding="utf-8")
+    refused(capfd, envi(tmp_path / "a", -S), "--out", out, *FLAGS)
+    assert out.read_text(encoding="utf-8") == "old" and len(list(tmp_path.iterdir())) == 3
+
+
+def test_to_import_a_cube_needs_neither_torch_nor_numba(tmp_path):
+    code = (
+        "import sys\n"
+        "from texnet.cli import main\n"
+        "code = main(['import', sys.argv[1], '--out', sys.argv[2], '--unit', 'W/m2/sr/um'])\n"
+        "heavy = {'torch', 'numba', 'sklearn', 'matplotlib', 'trimesh'} & set(sys.modules)\n"
+        "sys.exit(code or ' '.join(heavy) or 0)\n"
+    )
+    path = envi(tmp_path / "a", S)
+    subprocess.run([sys.executable, "-c", code, path, tmp_path / "b.npz"], check=True)

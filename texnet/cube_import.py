@@ -1,0 +1,201 @@
+"""Cubes of others, turned into a HeatCube, with a note of what was converted.
+
+ENVI: `.hdr` beside its binary; see `envi`. The unit of radiance is the caller's to say.
+
+HADAR `.mat` (up to v7): `S` or `HSI`, height x width x bands, W m-2 sr-1 per cm-1. The bands are
+not in the file, so the caller states them: equidistant in wavenumber, in the file's order.
+
+TeX-1500 `.mat` or `.npz`: a cube of either axis order, wavelengths in um, and the indices of good
+bands; the first key of each of the lists below that is there. The unit is the caller's to say.
+
+`.npy`: (bands, height, width); bands and unit are the caller's to say.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.lib.format import open_memmap
+
+from physics.errors import InputError
+
+from .cube_io import BROKEN_NPY, BROKEN_NPZ, unpacked
+from .envi import header_of, read_envi
+from .library_io import PUBLISHED_CM1
+from .mat_file import read_mat
+from .raw_cube import UNITS, RawCube, heat_cube
+
+HADAR = ("S", "HSI")
+CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
+WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
+GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_indices")
+
+
+def import_cube(
+    path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None
+):
+    """Read the cube of others at path (.hdr or its binary, .mat, .npz, .npy; see the module).
+
+    unit             of its radiance, a key of `raw_cube.UNITS`; where the file leaves it open
+    wavelengths_um, wavenumbers_cm1
+                     of the first and the last band, equidistant; one of them, where the file
+                     does not say where its bands lie
+    netd_k           noise at 300 K, K, if it is known
+    progress         called as progress(done, total, what)
+
+    Returns (HeatCube, note): one sentence on what was converted from what. A large cube is not held
+    in memory (but for a .mat, which is at most 4 GB). Raises InputError if the file is damaged or
+    leaves open what its numbers mean.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"cube: there is no file {path}.")
+    if unit is not None and unit not in UNITS:
+        raise InputError(f"cube: {unit!r} is no unit that is known; use {', '.join(UNITS)}.")
+    try:
+        raw = _read(path)
+        raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
+        if raw.unit is None and unit is None:
+            raise InputError(
+                f"cube: {path} does not say which unit its radiance has; give --unit, one of "
+                f"{', '.join(UNITS)}."
+            )
+        cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
+    except OSError as e:
+        raise InputError(f"cube: cannot read {path}: {e.strerror or e}.") from e
+    return cube, f"{path}: {note}"
+
+
+def _read(path):
+    kind = path.suffix.lower()
+    if kind == ".mat":
+        return _read_mat(path)
+    if kind == ".npz":
+        return _read_npz(path)
+    if kind == ".npy":
+        return _read_npy(path)
+    if kind == ".exr":
+        raise InputError(f"cube: {path} needs no import; give it to texnet decompose.")
+    if kind == ".hdr" or header_of(path):
+        return read_envi(path)
+    raise InputError(
+        f"cube: {path.name} is no cube file that is known here; use ENVI (its .hdr must lie beside "
+        "it), .mat, .npz or .npy."
+    )
+
+
+def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
+    """raw with the band centres that the caller states, where the file does not."""
+    stated = wavelengths_um is not None or wavenumbers_cm1 is not None
+    if raw.centre is not None and stated:
+        raise InputError(
+            f"cube: {path} states its own bands; leave out --wavelengths and --wavenumbers."
+        )
+    if raw.centre is not None:
+        return raw
+    bands = raw.numbers().shape[0]
+    if not stated:
+        raise InputError(
+            f"cube: {path} does not say where its {bands} bands lie; give --wavenumbers FIRST:LAST "
+            f"in cm-1 or --wavelengths FIRST:LAST in um, in the file's order{raw.hint}."
+        )
+    if wavelengths_um is not None and wavenumbers_cm1 is not None:
+        raise InputError("cube: give either --wavelengths or --wavenumbers, not both.")
+    first, last = wavelengths_um or wavenumbers_cm1
+    centre = np.linspace(first, last, bands)
+    return raw._replace(centre=centre, axis="um" if wavelengths_um else "cm-1")
+
+
+# --- .mat, .npz and .npy -----------------------------------------------------------------
+
+
+def _read_mat(path):
+    try:
+        held = read_mat(path)
+    except InputError as e:
+        raise InputError(f"cube: {e}") from e
+    arrays = {key: value for key, value in held.items() if isinstance(value, np.ndarray)}
+    hadar = _first(HADAR, arrays)
+    if hadar is None or (_first(CUBE, arrays) and _first(WAVELENGTH, arrays)):
+        return _tex1500(path, held, arrays, arrays.get)
+    if arrays[hadar].ndim != 3:
+        raise InputError(
+            f"cube: {hadar} in {path} must be height x width x bands, not {arrays[hadar].shape}."
+        )
+    s = arrays[hadar].transpose(2, 0, 1)
+    hint = ""
+    if len(s) in PUBLISHED_CM1:
+        hint = f" (published cubes of {len(s)} bands need --wavenumbers {PUBLISHED_CM1[len(s)]})"
+    return RawCube(f"HADAR .mat, {hadar}", lambda: s, unit="W/m2/sr/cm-1", hint=hint)
+
+
+def _read_npz(path):
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            held = data.files
+            arrays = {key: data[key] for key in (*WAVELENGTH, *GOOD_BANDS) if key in held}
+    except BROKEN_NPZ as e:
+        raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+    return _tex1500(path, held, arrays, lambda key: unpacked(path, key))
+
+
+def _tex1500(path, held, arrays, load):
+    """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
+    its cube."""
+    keys = _first(CUBE, held), _first(WAVELENGTH, arrays), _first(GOOD_BANDS, arrays)
+    cube, wavelength, indices = keys
+    if cube is None or wavelength is None:
+        raise InputError(
+            f"cube: {path} must hold a cube ({', '.join(CUBE)}, or, of HADAR, S) and, but for "
+            f"HADAR, its wavelengths in um ({', '.join(WAVELENGTH)}); it holds "
+            f"{', '.join(held) or 'nothing'}."
+        )
+    s, w = load(cube), _real(arrays[wavelength], wavelength, path).ravel()
+    if s is None or s.ndim != 3 or (s.shape[0] == w.size) == (s.shape[2] == w.size):
+        shape = "no array" if s is None else " x ".join(map(str, s.shape))
+        raise InputError(
+            f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) are not "
+            "either its first axis or its last."
+        )
+    first = s.shape[0] == w.size
+    s = s if first else s.transpose(2, 0, 1)
+    axes = "bands x height x width" if first else "height x width x bands"
+    words, good = [], None
+    if indices is not None:
+        good, words = _good_bands(_real(arrays[indices], indices, path).ravel(), indices, w.size)
+    what = f"TeX-1500 {path.suffix}, {cube} ({axes}) over {wavelength}"
+    return RawCube(what, lambda: s, w, good=good, words=tuple(words))
+
+
+def _good_bands(indices, key, bands):
+    """((bands,) bool, words) of a list of indices, which count from 0."""
+    count_from = 1 if indices.size and indices.min() >= 1 and indices.max() == bands else 0
+    good = np.isin(np.arange(bands) + count_from, indices)
+    if np.count_nonzero(good) != indices.size:
+        raise InputError(f"cube: {key} must hold indices of its {bands} bands, each once.")
+    return good, [f"{key} counts from {count_from}"]
+
+
+def _read_npy(path):
+    try:
+        s = open_memmap(path, mode="r")
+    except BROKEN_NPY as e:
+        raise InputError(f"cube: {path} is not a whole npy file of plain numbers.") from e
+    if s.dtype.kind not in "fiu" or s.ndim != 3:
+        raise InputError(f"cube: {path} must hold one array of real numbers with three axes.")
+    if s.shape[2] < s.shape[0]:
+        raise InputError(
+            f"cube: {path} is {' x '.join(map(str, s.shape))}, which looks like height x width x "
+            "bands; save it bands first, np.moveaxis(s, -1, 0), or as .npz with radiance and "
+            "wavelength_um."
+        )
+    return RawCube("npy (bands x height x width)", lambda: open_memmap(path, mode="r"))
+
+
+def _first(keys, held):
+    return next((key for key in keys if key in held), None)
+
+
+def _real(array, key, path):
+    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        raise InputError(f"cube: {key} in {path} must hold finite real numbers.")
+    return array

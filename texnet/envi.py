@@ -1,0 +1,204 @@
+"""ENVI cubes: a text header beside a binary.
+
+The header's first line is ENVI, then come lines `key = value`; a value in braces is a list, which
+may run over lines; lines that start with ; are comments. The binary is bare numbers after a number
+of bytes, ordered bsq (bands, lines, samples), bil (lines, bands, samples) or bip (lines, samples,
+bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a bad band), data
+ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
+
+The format has no word for the radiance's unit. The header's sizes are held against the binary's
+before anything is read.
+"""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from physics.errors import InputError
+
+from .raw_cube import RawCube
+
+DTYPES = {
+    1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8",
+}  # fmt: skip
+ORDERS = {  # in the file, slowest first, of (bands, lines, samples)
+    "bsq": (0, 1, 2), "bil": (1, 0, 2), "bip": (1, 2, 0),
+}  # fmt: skip
+AXES = {
+    "um": ("micrometers", "micrometer", "microns", "micron", "um", "\u00b5m", "\u03bcm"),
+    "nm": ("nanometers", "nanometer", "nm"),
+    "cm-1": ("wavenumber", "wavenumbers", "cm-1", "cm^-1", "1/cm"),
+}
+BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc")  # suffixes
+ABSENT = ("file compression", "major frame offsets", "minor frame offsets")  # or zero
+MOST_HEADER = 1 << 24  # bytes
+
+
+def read_envi(path):
+    """The RawCube of an ENVI file, given its header or its binary.
+
+    Raises InputError if one of the two is missing, or they do not fit each other.
+    """
+    path = Path(path)
+    is_header = path.suffix.lower() == ".hdr"
+    header = _Header(path if is_header else header_of(path))
+    binary = _binary_of(path) if is_header else path
+    bands = header.whole("bands", least=1)
+    dtype, interleave, numbers, unread = _numbers(header, binary, bands)
+    words = [f"{unread} bytes after the last pixel left unread"] if unread else []
+    gain, offset, scaled = _scale(header, bands)
+    centre, fwhm = header.numbers("wavelength", bands), header.numbers("fwhm", bands)
+    said = header.word("wavelength units", "")
+    axis, hint = next((a for a, names in AXES.items() if said.lower() in names), None), ""
+    if axis is None and centre is not None:
+        said = f"are {said[:60]!r}" if said else "are missing"
+        hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
+    if axis is None:
+        axis, centre, fwhm = "um", None, None
+    bbl, ignore = header.numbers("bbl", bands), None
+    if header.word("data ignore value", "nan").lower() != "nan":
+        ignore = header.numbers("data ignore value", 1)[0]
+    return RawCube(
+        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, None, gain, offset,
+        good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint, words=(*words, *scaled),
+    )  # fmt: skip
+
+
+def header_of(path):
+    """The ENVI header beside a binary, NAME.dat.hdr or NAME.hdr; None if there is none."""
+    beside = _beside(path)
+    names = f"{path.name}.hdr", f"{path.stem}.hdr"
+    return next((beside[n.lower()] for n in names if n.lower() in beside), None)
+
+
+def _binary_of(header):
+    beside = _beside(header)
+    names = [f"{header.stem}{suffix}".lower() for suffix in BINARY]
+    found = [beside[name] for name in names if name in beside]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = " and ".join(p.name for p in found)
+        raise InputError(f"cube: {header} may belong to {names}; give the name of its binary.")
+    raise InputError(f"cube: there is no {header.stem} or {header.stem}.dat beside {header}.")
+
+
+def _beside(path):
+    return {p.name.lower(): p for p in path.parent.iterdir() if p.is_file()}
+
+
+def _numbers(header, binary, bands):
+    """(dtype, interleave, numbers as in RawCube, bytes that they leave unread)."""
+    shape = bands, header.whole("lines", least=1), header.whole("samples", least=1)
+    skip, kind = header.whole("header offset", 0), header.whole("data type")
+    interleave = header.word("interleave").lower()
+    if kind not in DTYPES:
+        raise header.error(
+            f"data type {kind} is no real number that is known; use {', '.join(map(str, DTYPES))}"
+        )
+    if interleave not in ORDERS:
+        raise header.error(f"interleave must be bsq, bil or bip, not {interleave[:60]!r}")
+    file_type = header.word("file type", "ENVI")
+    if file_type.lower() not in ("envi", "envi standard"):
+        raise header.error(f"file type must be ENVI Standard, not {file_type[:60]!r}")
+    for key in ABSENT:
+        if np.any(header.numbers(key)):
+            raise header.error(f"{key} is not known here; save the cube without")
+    dtype = np.dtype(DTYPES[kind])
+    order = header.whole("byte order", 0 if dtype.itemsize == 1 else None)
+    if order > 1:
+        raise header.error("byte order must be 0 (little) or 1 (big)")
+    dtype = dtype.newbyteorder("<>"[order])
+    size, need = binary.stat().st_size, skip + math.prod(shape) * dtype.itemsize
+    if size < need:
+        raise InputError(
+            f"cube: {binary} has {size} bytes where its header asks for {skip} + "
+            f"{' x '.join(map(str, shape))} x {dtype.itemsize}; it is cut off, or the header is of "
+            "another file."
+        )
+    stored = ORDERS[interleave]
+
+    def numbers():
+        in_file = np.memmap(binary, dtype, "r", skip, tuple(shape[axis] for axis in stored))
+        return in_file.transpose(np.argsort(stored))
+
+    return dtype, interleave, numbers, size - need
+
+
+def _scale(header, bands):
+    """(gain, offset, words) per band."""
+    gain, offset = (header.numbers(f"data {key} values", bands) for key in ("gain", "offset"))
+    factor = header.numbers("reflectance scale factor", 1)
+    if factor is None:
+        words = ["data gain and offset values applied"] * (gain is not None or offset is not None)
+    elif gain is not None or offset is not None:
+        raise header.error(
+            "there are data gain or offset values and a reflectance scale factor; leave in what "
+            "makes radiance"
+        )
+    elif factor[0] == 0:
+        raise header.error("reflectance scale factor must not be 0")
+    else:
+        gain, words = 1 / factor[0], [f"divided by the reflectance scale factor {factor[0]:g}"]
+    return 1.0 if gain is None else gain, 0.0 if offset is None else offset, words
+
+
+class _Header:
+    """The fields of a header, each checked as it is asked for."""
+
+    def __init__(self, path):
+        self.path = path
+        with open(path, "rb") as file:
+            raw = file.read(MOST_HEADER + 1)
+        lines = iter(raw.decode("utf-8-sig", "replace").splitlines())
+        if len(raw) > MOST_HEADER or next(lines, "").strip() != "ENVI":
+            raise self.error("its first line must be ENVI")
+        self.fields = {}
+        for line in lines:
+            key, equals, value = line.partition("=")
+            if line.startswith(";") or not equals:
+                continue
+            parts = [value.strip()]
+            if parts[0].startswith("{"):
+                while "}" not in parts[-1]:
+                    following = next(lines, None)
+                    if following is None:
+                        raise self.error(f"the list of {key.strip()[:60]!r} has no end }}")
+                    parts.append("" if following.startswith(";") else following.strip())
+            self.fields[" ".join(key.lower().split())] = " ".join(parts)
+
+    def error(self, text):
+        return InputError(f"cube: {self.path}: {text}.")
+
+    def word(self, key, default=None):
+        """The text of a field; without default it must be there."""
+        text = self.fields.get(key, default)
+        if text is None:
+            raise self.error(f"the field {key} is missing")
+        return text
+
+    def whole(self, key, default=None, least=0):
+        """A whole number."""
+        if default is not None and key not in self.fields:
+            return default
+        text = self.word(key)
+        if re.fullmatch("[0-9]{1,18}", text) is None or int(text) < least:
+            raise self.error(f"{key} must be a whole number >= {least}, not {text[:60]!r}")
+        return int(text)
+
+    def numbers(self, key, count=None):
+        """(count,) finite numbers of a list or of one number; None if the field is missing."""
+        if key not in self.fields:
+            return None
+        words = self.fields[key].replace("{", " ").replace("}", " ").replace(",", " ").split()
+        try:
+            numbers = np.array([float(word) for word in words])
+        except ValueError:
+            numbers = np.array([np.nan])
+        if not np.isfinite(numbers).all():
+            raise self.error(f"{key} must hold finite numbers")
+        if count not in (None, numbers.size):
+            raise self.error(f"{key} holds {numbers.size} numbers where {count} are needed")
+        return numbers

@@ -1,0 +1,208 @@
+"""A cube as somebody's file holds it, and how it becomes a HeatCube.
+
+With n the file's numbers, per band
+
+    L = (gain n + offset) u J,    J = 1 where L is per um, 1e4 / lambda^2 where it is per cm-1
+
+where u makes W m-2 sr-1 of the file's unit and J = |d nu / d lambda| follows from
+nu = 1e4 / lambda (cm-1, um). A width d nu becomes d nu / J. Bands that the file calls bad go, the
+others are sorted by wavelength. Whatever the unit, the scene has a brightness temperature, so that
+a wrong unit shows.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from physics import scratch
+from physics.errors import InputError
+from physics.heat_cube import HeatCube, lit
+from physics.planck import brightness_temperature
+
+UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
+    "W/m2/sr/um": (1.0, False),
+    "mW/m2/sr/um": (1e-3, False),
+    "uW/cm2/sr/um": (1e-2, False),
+    "microflick": (1e-2, False),
+    "W/cm2/sr/um": (1e4, False),
+    "W/m2/sr/cm-1": (1.0, True),
+    "mW/m2/sr/cm-1": (1e-3, True),
+    "W/cm2/sr/cm-1": (1e4, True),
+}
+OURS = "W/m2/sr/um"
+PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; band centres in cm-1 have no such factor
+THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
+POSSIBLE_K = (100.0, 1000.0)  # brightness temperature of half a scene; else the unit is wrong
+USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
+PART = 1 << 23  # numbers converted at once
+SAMPLES = 10_000  # pixels whose brightness temperature is looked at
+
+
+class RawCube(NamedTuple):
+    """What a file holds and says; bands in the file's order.
+
+    what     the file in a few words
+    numbers  () -> (bands, height, width) real numbers; a file is mapped anew by each call, so that
+             what was read of it does not stay in memory
+    centre   (bands,) in axis, or None if the file does not say; fwhm likewise
+    axis     "um", "nm" or "cm-1", of centre and fwhm
+    unit     a key of UNITS, or None if the file does not say
+    gain, offset  (bands,) or one number for all
+    good     (bands,) bool; None: all
+    ignore   the number that stands for no measurement, or None
+    hint     what to say where centre is missing
+    words    more to tell the user
+    """
+
+    what: str
+    numbers: Callable
+    centre: np.ndarray | None = None
+    fwhm: np.ndarray | None = None
+    axis: str = "um"
+    unit: str | None = None
+    gain: np.ndarray | float = 1.0
+    offset: np.ndarray | float = 0.0
+    good: np.ndarray | None = None
+    ignore: float | None = None
+    hint: str = ""
+    words: tuple = ()
+
+
+def heat_cube(raw, netd_k=None, progress=None):
+    """The HeatCube of a RawCube that has centre and unit, and one sentence on what was converted.
+
+    Raises InputError where the numbers cannot be radiance in that unit.
+    """
+    bands, height, width = shape = raw.numbers().shape
+    if 0 in shape:
+        raise InputError(f"cube: it holds no numbers ({bands} x {height} x {width}).")
+    kept, w, said_of_bands = _ascending(raw, bands)
+    jacobian = 1e4 / w**2
+    fwhm = None
+    if raw.fwhm is None:
+        said_of_bands.append("taken as narrow, since band widths are not stated")
+    else:
+        fwhm = raw.fwhm[kept] / (jacobian if raw.axis == "cm-1" else PER_UM[raw.axis])
+    scale = _to_our_unit(raw.unit, jacobian)
+    gain, offset = (scale * np.broadcast_to(x, bands)[kept] for x in (raw.gain, raw.offset))
+    radiance = _radiance(raw, kept, gain, offset, progress)
+    words = [
+        raw.what,
+        f"{bands} bands of {height} x {width} pixels",
+        *raw.words,
+        raw.unit + (" kept" if raw.unit == OURS else " became W m-2 sr-1 um-1"),
+        *said_of_bands,
+        f"half of it is warmer than {_typical_k(radiance, w, raw.unit)}",
+    ]
+    return HeatCube(radiance, w, fwhm, netd_k), "; ".join(words) + "."
+
+
+def _ascending(raw, bands):
+    """Indices of the good bands by wavelength, their wavelengths in um, and words on that."""
+    good = np.ones(bands, bool) if raw.good is None else raw.good
+    if not good.any():
+        raise InputError("cube: the file calls all of its bands bad; correct its list of them.")
+    centre = raw.centre[good]
+    if not np.isfinite(centre).all() or (centre <= 0).any():
+        raise InputError(f"cube: band centres must be finite and positive, in {raw.axis}.")
+    ends = f"{centre[0]:.6g}-{centre[-1]:.6g} {raw.axis}"
+    w = 1e4 / centre if raw.axis == "cm-1" else centre / PER_UM[raw.axis]
+    low, high = THERMAL_UM
+    if w.min() < low or w.max() > high:
+        raise InputError(
+            f"cube: bands at {ends} leave {low:g}-{high:g} um; they must be in another unit (10 um "
+            "is 10000 nm or 1000 cm-1)."
+        )
+    order = np.argsort(w)
+    step, w = np.diff(order), w[order]
+    if (np.diff(w) == 0).any():
+        twice = w[1:][np.diff(w) == 0][0]
+        raise InputError(f"cube: the wavelength {twice:g} um is there twice; give each once.")
+    moved = "" if (step == 1).all() else ", order reversed" if (step == -1).all() else ", sorted"
+    words = [f"{ends} became {w[0]:.4g}-{w[-1]:.4g} um{moved}"]
+    if bad := int(np.count_nonzero(~good)):
+        words.append(f"{bad} band{'s' * (bad > 1)} left out that the file calls bad")
+    return np.flatnonzero(good)[order], w, words
+
+
+def _to_our_unit(unit, jacobian):
+    factor, per_wavenumber = UNITS[unit]
+    return factor * (jacobian if per_wavenumber else 1.0)
+
+
+def _radiance(raw, kept, gain, offset, progress):
+    """gain n + offset of the kept bands, (kept, height, width) float32.
+
+    Read part by part along the file's slowest axis, so that each byte is read once.
+    """
+    numbers = raw.numbers()
+    shape, strides, dtype = numbers.shape, numbers.strides, numbers.dtype
+    del numbers
+    slowest = int(np.argmax(np.where(np.array(shape) > 1, strides, 0)))
+    step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
+    radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
+    ignored = np.zeros(len(kept), np.int64)
+    ignore = raw.ignore
+    if ignore is not None and dtype.kind == "f":  # a header's text has more digits than float32
+        with np.errstate(over="ignore"):
+            ignore = dtype.type(ignore)
+    for start in range(0, radiance.shape[slowest], step):
+        at = [slice(None)] * 3
+        at[slowest] = slice(start, start + step)
+        bands = at[0]
+        mapped = raw.numbers()
+        found = mapped[kept[bands], at[1], at[2]]
+        scratch.release(mapped)
+        with np.errstate(over="ignore", invalid="ignore"):  # HeatCube tells what is not finite
+            part = found.astype(np.float64)
+            part *= gain[bands, None, None]
+            part += offset[bands, None, None]
+            if ignore is not None:
+                nothing = found == ignore
+                part[nothing] = np.nan
+                ignored[bands] += np.count_nonzero(nothing, axis=(1, 2))
+            radiance[tuple(at)] = part
+        scratch.release(radiance)
+        if progress is not None:
+            progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
+    size = radiance[0].size
+    if (ignored % size).any():  # a band without any measurement is a dead one, and found later
+        raise InputError(
+            f"cube: {ignored.max()} of {size} pixels hold the data ignore value {raw.ignore:g}; "
+            "cut out a part without them."
+        )
+    radiance.setflags(write=False)
+    return radiance
+
+
+def _typical_k(radiance, w, unit):
+    """Words on the brightness temperature (K) that half of the scene exceeds.
+
+    Raises InputError where it is not POSSIBLE_K.
+    """
+    step = max(1, radiance[0].size // SAMPLES)
+    bands = scratch.parts(radiance)
+    s = np.stack([band.reshape(-1)[::step].astype(np.float64) for band in bands])
+    band, pixel = np.nonzero(lit(s))
+    s, w = s[band, pixel], w[band]
+    if not s.size:
+        return "nothing"  # HeatCube says what is wrong
+    jacobian = 1e4 / w**2
+
+    def typical_k(other):
+        other = s * (_to_our_unit(other, jacobian) / _to_our_unit(unit, jacobian))
+        return float(np.median(brightness_temperature(w, other)))
+
+    here = typical_k(unit)
+    if USUAL_K[0] <= here <= USUAL_K[1]:
+        return f"{here:.0f} K"
+    # by factor, so that two names of one unit are one
+    fit = {UNITS[u]: (u, t) for u in UNITS if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
+    fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.values()) or "no unit that is known fits"
+    if POSSIBLE_K[0] <= here <= POSSIBLE_K[1]:
+        return f"{here:.0f} K, which is unusual ({fit})"
+    raise InputError(
+        f"cube: in {unit} half of it would be warmer than {here:.4g} K; give the right --unit "
+        f"({fit})."
+    )
