@@ -159,13 +159,22 @@ def hypotheses(known: Known) -> Hypotheses:
     to_w = inverse / scale  # w = to_w z + w_0
     w_0 = -(inverse @ means[..., None])
     return Hypotheses(
-        share.float(), emissivity.float(), rim.float(), centre.float(), known.basis.float(),
-        _of_products(to_w.transpose(1, 2) @ to_w), 2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
-        prior - log_det(lower) - 0.5 * (w_0**2).sum(dim=(1, 2)),
-        (of_x @ to_w).flatten(0, 1).float(), (of_x @ w_0)[..., 0].float(),
-        precision, log_det(root), (of_d @ to_w).float(), (of_d @ w_0)[..., 0].float(),
-        (of_d @ of_x.transpose(1, 2) @ precision).float(),
-    )  # fmt: skip
+        share=share.float(),
+        emissivity=emissivity.float(),
+        rim=rim.float(),
+        centre=centre.float(),
+        look=known.basis.float(),
+        square=_of_products(to_w.transpose(1, 2) @ to_w),
+        slope=2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
+        offset=prior - log_det(lower) - 0.5 * (w_0**2).sum(dim=(1, 2)),
+        to_x=(of_x @ to_w).flatten(0, 1).float(),
+        x_0=(of_x @ w_0)[..., 0].float(),
+        precision=precision,
+        log_det=log_det(root),
+        to_deviation=(of_d @ to_w).float(),
+        deviation_0=(of_d @ w_0)[..., 0].float(),
+        lean=(of_d @ of_x.transpose(1, 2) @ precision).float(),
+    )
 
 
 def log_det(lower):

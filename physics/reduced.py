@@ -40,6 +40,7 @@ sky has nothing to tune.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -61,7 +62,7 @@ MIXED_MATERIAL, MIXED_SKY = (0.25, 0.15), (0.75, 0.15)
 MIXED_SHARE = 0.1  # of all pixels, a priori
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ReducedModel:
     """What of (library, environment, bands, noise) does not depend on the pixel.
 
@@ -129,38 +130,15 @@ def reduce_model(
     """
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
     environment.check_bands(w)
-    t = scene_temperatures(cube)
-    prior_mean, prior_sigma = float(np.median(t)), max(MIN_TEMPERATURE_SPREAD_K, float(t.std()))
-    # the darkest and the brightest that every band saw: no pixel lies beyond
-    ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
-    ends = brightness_temperature(w, ends.T).mean(axis=1)
-    low, high = max(ends[0] - 40.0, 60.0), ends[1] + 60.0
-    mid, half = 0.5 * (high + low), 0.5 * (high - low)
-
-    material, curve, share, share_sigma, prior = _hypotheses(library, environment)
+    t, of = _temperatures(cube), _hypotheses(library, environment)
     nodes = quadrature(w, cube.fwhm_um)
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
-    emissivity = curves.mean(axis=-1)[curve]
-    series = _planck_series(nodes, curves, sigma, mid, half)[curve]  # (R, n, bands)
-    glass = (1 - share)[:, None] * (1 - emissivity)  # what of the surroundings shows
-    sky_mean = np.zeros(w.size) if environment.sky_mean is None else environment.sky_mean
-
-    # A' and U' by rows: (R, r, bands), (R, d, bands)
-    a = np.concatenate(
-        [(1 - share)[:, None, None] * series, glass[:, None] * environment.radiance / sigma], axis=1
-    )
-    a[:, 0] += share[:, None] * sky_mean / sigma
-    rim = (sky_mean - radiance(w, prior_mean)) / sigma
-    u = np.concatenate(
-        [
-            glass[:, None] * environment.spread / sigma,
-            glass[:, None] * environment.skylight_spread / sigma,
-            share[:, None, None] * environment.sky_spread / sigma,
-            share_sigma[:, None, None] * rim,
-        ],
-        axis=1,
-    )
+    emissivity = curves.mean(axis=-1)[of.curve]
+    series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.curve]  # (R, n, bands)
+    terms = series.shape[1]
+    glass = (1 - of.share)[:, None] * (1 - emissivity)  # what of the surroundings shows
+    a, u = _rows(of, series, glass, environment, sigma, radiance(w, t.prior_mean))
     error = noise_sigma(w, environment.error_k) / sigma
     scale = 1 / np.sqrt(1 + (glass * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
@@ -171,46 +149,101 @@ def reduce_model(
     pa = au - (au @ d.transpose(0, 2, 1)) @ d
     gram = au @ pa.transpose(0, 2, 1)
     log_det = 2 * np.log(np.diagonal(chol, axis1=1, axis2=2)).sum(1) - 2 * np.log(scale).sum(1)
-
-    # Fisher information of T and of V along the k - 1 directions that keep its sum
-    terms = series.shape[1]
-    at = (prior_mean - mid) / half
-    tangent = np.zeros((terms + k, k))
-    tangent[:terms, 0] = [
-        chebyshev.chebval(at, chebyshev.chebder(c)) / half for c in np.eye(terms)
-    ]
-    tangent[terms:, 1:] = np.linalg.svd(np.eye(k) - 1.0 / k)[0][:, : k - 1]
-    width = np.array([prior_sigma] + [(V_PRECISION * k) ** -0.5] * (k - 1))
-    fisher = width[:, None] * (tangent.T @ gram @ tangent) * width
-    occam = 0.5 * np.linalg.slogdet(np.eye(k) + fisher)[1] + 0.5 * log_det - np.log(prior)
+    occam = _occam(gram, terms, t) + 0.5 * log_det - np.log(of.prior)
 
     v = np.arange(terms, terms + k)
     gram[:, v, v] += V_PRECISION * k
-    offset = np.zeros((len(material), terms + k))
+    offset = np.zeros((len(of.material), terms + k))
     offset[:, v] = V_PRECISION
     by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))  # noqa: E731
     return ReducedModel(
-        library, environment, w, sigma, material, share, emissivity,
-        by_band(pa * scale[:, None]), scale, by_band(d * scale[:, None]), u.transpose(0, 2, 1),
-        gram, offset, occam, terms, k, mid, half, prior_mean, prior_sigma,
+        library=library, environment=environment, wavelength_um=w, sigma=sigma,
+        material=of.material, sky_share=of.share, emissivity=emissivity,
+        project=by_band(pa * scale[:, None]), scale=scale, deflate=by_band(d * scale[:, None]),
+        deviation=u.transpose(0, 2, 1), gram=gram, offset=offset, occam=occam, terms=terms, k=k,
+        mid_k=t.mid, half_k=t.half, prior_mean_k=t.prior_mean, prior_sigma_k=t.prior_sigma,
     )  # fmt: skip
 
 
+class _Temperatures(NamedTuple):
+    """K: centre and half width of the allowed range of T, and T's prior."""
+
+    mid: float
+    half: float
+    prior_mean: float
+    prior_sigma: float
+
+
+def _temperatures(cube):
+    t = scene_temperatures(cube)
+    # the darkest and the brightest that every band saw: no pixel lies beyond
+    ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
+    ends = brightness_temperature(cube.wavelength_um, ends.T).mean(axis=1)
+    low, high = max(ends[0] - 40.0, 60.0), ends[1] + 60.0
+    return _Temperatures(
+        mid=0.5 * (high + low), half=0.5 * (high - low),
+        prior_mean=float(np.median(t)), prior_sigma=max(MIN_TEMPERATURE_SPREAD_K, float(t.std())),
+    )  # fmt: skip
+
+
+class _Hypotheses(NamedTuple):
+    """(R,) each: library and curve index, alpha, sigma_alpha and prior share. The curve after
+    the library's is black."""
+
+    material: np.ndarray
+    curve: np.ndarray
+    share: np.ndarray
+    share_sigma: np.ndarray
+    prior: np.ndarray
+
+
 def _hypotheses(library, environment):
-    """Library index, curve index, alpha, sigma_alpha and prior share of every hypothesis."""
     ground = [m for m in range(len(library)) if m != library.sky_index]
     if not ground and (environment.sky_mean is None or library.sky_index is None):
         raise InputError("library: it holds only the sky, but no sky is in view; add materials.")
     if environment.sky_mean is None or library.sky_index is None:
-        n = len(ground)
-        return np.array(ground), np.array(ground), np.zeros(n), np.zeros(n), np.ones(n)
-    black = len(library)
-    pure, mixed = 1 - MIXED_SHARE, MIXED_SHARE
-    rows = [(m, m, 0.0, 0.0, pure) for m in ground]
-    rows += [(m, m, *MIXED_MATERIAL, mixed) for m in ground]
-    rows += [(library.sky_index, black, 1.0, 0.0, pure)]
-    rows += [(library.sky_index, black, *MIXED_SKY, mixed)]
-    return tuple(np.array(column) for column in zip(*rows, strict=True))
+        rows = [(m, m, 0.0, 0.0, 1.0) for m in ground]
+    else:
+        black = len(library)
+        pure, mixed = 1 - MIXED_SHARE, MIXED_SHARE
+        rows = [(m, m, 0.0, 0.0, pure) for m in ground]
+        rows += [(m, m, *MIXED_MATERIAL, mixed) for m in ground]
+        rows += [(library.sky_index, black, 1.0, 0.0, pure)]
+        rows += [(library.sky_index, black, *MIXED_SKY, mixed)]
+    return _Hypotheses(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _rows(of, series, glass, environment, sigma, black):
+    """A' (R, r, bands) and U' (R, d, bands) of _Hypotheses; black (bands,) is B(T_prior)."""
+    share, glass = of.share[:, None, None], glass[:, None]
+    sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
+    a = np.concatenate([(1 - share) * series, glass * environment.radiance / sigma], axis=1)
+    a[:, 0] += share[:, 0] * sky_mean / sigma
+    u = np.concatenate(
+        [
+            glass * environment.spread / sigma,
+            glass * environment.skylight_spread / sigma,
+            share * environment.sky_spread / sigma,
+            of.share_sigma[:, None, None] * ((sky_mean - black) / sigma),
+        ],
+        axis=1,
+    )
+    return a, u
+
+
+def _occam(gram, terms, t):
+    """(R,) log det(I + Sigma_prior F) / 2, F of T and of V along the k - 1 directions that keep
+    its sum."""
+    k = gram.shape[1] - terms
+    at = (t.prior_mean - t.mid) / t.half
+    tangent = np.zeros((terms + k, k))
+    tangent[:terms, 0] = [
+        chebyshev.chebval(at, chebyshev.chebder(c)) / t.half for c in np.eye(terms)
+    ]
+    tangent[terms:, 1:] = np.linalg.svd(np.eye(k) - 1.0 / k)[0][:, : k - 1]
+    width = np.array([t.prior_sigma] + [(V_PRECISION * k) ** -0.5] * (k - 1))
+    fisher = width[:, None] * (tangent.T @ gram @ tangent) * width
+    return 0.5 * np.linalg.slogdet(np.eye(k) + fisher)[1]
 
 
 def scene_temperatures(cube, samples=20000):

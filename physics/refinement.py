@@ -78,12 +78,12 @@ def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
     factor, back = lower.transpose(1, 2), inverse.transpose(1, 2)
     solve = back[:, :k, :k] * scale
     centred = solve - solve.mean(dim=1, keepdim=True)  # V's sum is known
-    parts = (
-        log_det(lower) - h.log_det, (back @ inverse)[:, :, :k],
-        factor[:, :k, :k] / scale, factor[:, :k, k:], factor[:, k:, k:],
-        solve, back[:, k:, k:], centred @ centred.transpose(1, 2),
+    parts = dict(
+        determinant=log_det(lower) - h.log_det, pulled=(back @ inverse)[:, :, :k],
+        vv=factor[:, :k, :k] / scale, vt=factor[:, :k, k:], tt=factor[:, k:, k:],
+        solve=solve, tt_solve=back[:, k:, k:], covariance=centred @ centred.transpose(1, 2),
     )  # fmt: skip
-    return Blocks(*(x.float() for x in parts))
+    return Blocks(**{name: a.float() for name, a in parts.items()})
 
 
 def refine(
@@ -131,7 +131,8 @@ def refine(
     energy = energy - (v_hat**2).sum(0) - (pull * pulled[:k]).sum(0)
     # what T's other prior changes of the evidence, as determinant says it of V's
     energy = energy + torch.log(curvature / (curvature - narrow + 1))
-    return Refined(t, sigma, v, 0.5 * energy + of_rows(b.determinant, hot))
+    energy = 0.5 * energy + of_rows(b.determinant, hot)
+    return Refined(t=t, sigma=sigma, lighting=v, energy=energy)
 
 
 def deviations(h: Hypotheses, z, x, hot, t, lighting):

@@ -104,7 +104,8 @@ def unsmoothed(model: ReducedModel, spectra, local: LocalSolution) -> Refined:
     row = local.row[p, m]
     start_k = local.temperature_k[p, m].astype(np.float64)
     _, t, v, sigma = solve_given(model, spectra, row, start_k, nothing, nothing)
-    return Refined(State(t, m, v, row), sigma, _softmax(-local.energy), ())
+    state = State(temperature_k=t, material=m, thermal_lighting=v, row=row)
+    return Refined(state=state, sigma_k=sigma, probability=_softmax(-local.energy), objective=())
 
 
 class Objective:
@@ -136,7 +137,10 @@ class Objective:
         if not np.isfinite(self.local.energy[np.arange(len(material)), material]).all():
             raise InputError("refine: a pixel starts as sky, but the environment has no sky.")
         row = self.local.row[np.arange(len(material)), material]
-        return State(np.asarray(temperature_k, float), material, thermal_lighting, row)
+        return State(
+            temperature_k=np.asarray(temperature_k, float), material=material,
+            thermal_lighting=thermal_lighting, row=row,
+        )  # fmt: skip
 
     def local_state(self):
         """The local answer as a start: each pixel's material of least energy."""
@@ -231,7 +235,8 @@ def refine(objective: Objective, state: State, progress=None) -> Refined:
         if trace[-2] - trace[-1] < TOLERANCE_NATS * len(objective.spectra):
             break
     state, _, sigma = current
-    return Refined(state, sigma, probability, tuple(float(v) for v in trace))
+    trace = tuple(float(value) for value in trace)
+    return Refined(state=state, sigma_k=sigma, probability=probability, objective=trace)
 
 
 def _relabel(objective, state, material):

@@ -135,8 +135,10 @@ class TeXModel(nn.Module):
         unknown = unknown | (of_m(p) < NET_LIKELY) | (of_m(torch.softmax(own, 0)) < OWN_PROBABILITY)
         maps = lambda a: a.unflatten(-1, shape)  # noqa: E731
         return TeX(
-            maps(p), maps(material), maps(temperature), maps(sigma), maps(v * visible),
-            maps(texture * visible), maps(sky_texture * visible), maps(misfit), maps(unknown),
+            material_probability=maps(p), material=maps(material),
+            temperature_k=maps(temperature), temperature_sigma_k=maps(sigma),
+            thermal_lighting=maps(v * visible), texture=maps(texture * visible),
+            sky_texture=maps(sky_texture * visible), residual=maps(misfit), unknown=maps(unknown),
         )  # fmt: skip
 
 
@@ -157,7 +159,9 @@ def _unrefined(b, row, t, lighting, width):
     known = (b.tt_solve[:, 0] ** 2).sum(1) ** -1 - 1 + width**-2
     sigma = of_rows(known**-0.5, one_hot(row, known.shape[0]))
     lighting = lighting[:, None].expand(-1, *row.shape)
-    return Refined(t.expand(row.shape), sigma, lighting, torch.zeros_like(sigma))
+    return Refined(
+        t=t.expand(row.shape), sigma=sigma, lighting=lighting, energy=torch.zeros_like(sigma)
+    )
 
 
 def _texture(known, h, spectra, hot, temperature, v, off):

@@ -69,9 +69,12 @@ def stem(known: Known, radiance):
     v = x.gather(0, best.expand(1, x.shape[1], -1))[0, :k]
     v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
     return Stem(
-        x, z, torch.maximum(pure, mixed) + log_sum, log_pure, log_mixed,
-        t[0] * log_pure.exp() + t[1] * log_mixed.exp(), v / v.sum(0).clamp(min=1e-6),
-        brightness_temperature(known.nodes_um.mean(1)[:, None], spectra.clamp(min=1e-6)),
+        x=x, z=z, log_evidence=torch.maximum(pure, mixed) + log_sum,
+        log_pure=log_pure, log_mixed=log_mixed,
+        t=t[0] * log_pure.exp() + t[1] * log_mixed.exp(), lighting=v / v.sum(0).clamp(min=1e-6),
+        brightness=brightness_temperature(
+            known.nodes_um.mean(1)[:, None], spectra.clamp(min=1e-6)
+        ),
     ), h  # fmt: skip
 
 
@@ -186,8 +189,8 @@ class TeXNet(nn.Module):
         lighting = share * torch.log(s.lighting + 0.03) + light @ out[CODE:n]
         maps = lambda a: a.reshape(*a.shape[:-1], height, width)  # noqa: E731
         return Prediction(
-            maps(log_material), maps(trust), maps(temperature),
-            maps(torch.log_softmax(lighting, 0)),
+            log_material=maps(log_material), trust=maps(trust), temperature_k=maps(temperature),
+            log_lighting=maps(torch.log_softmax(lighting, 0)),
         )  # fmt: skip
 
     def _look_around(self, x):
