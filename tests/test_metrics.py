@@ -162,6 +162,15 @@ def test_clahe_brings_out_local_contrast():
     assert clahe(np.ones((5, 7))).shape == (5, 7)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (1, 300), (2, 2)])
+def test_clahe_of_a_single_row_or_column(shape):
+    picture = np.random.default_rng(0).uniform(1, 2, shape)
+    out = clahe(picture)
+    assert out.shape == shape and out.min() >= 0 and out.max() <= 1
+    if out.size < 10:  # one tile, in which brighter stays brighter
+        assert (np.diff(out.ravel()[np.argsort(picture.ravel())]) >= 0).all()
+
+
 def test_principal_components_find_the_sources_in_order():
     rng = np.random.default_rng(0)
     maps = rng.standard_normal((3, 20 * 30)) * np.array([[1.0], [0.3], [0.1]])
