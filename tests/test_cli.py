@@ -134,6 +134,42 @@ def test_wrong_places_are_refused_before_the_work(capfd, tmp_path, cube, monkeyp
     assert "no file" in refused(capfd, "decompose", tmp_path / "gone.exr", "--out", tmp_path)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "decompose out/maps.exr --out out",
+        "decompose cube.npz --library out/decomposition.npz --out out",
+        "decompose cube.npz --model out/decomposition.npz --out out",
+        "bands --n 4 --library mine.json --out mine.json",
+        "bands --n 4 --library mine.json --out link",
+        "library import read.csv --out read.csv",
+        "library import read.mat --names names.txt --out names.txt",
+        "library import folder --out folder/A.TXT",
+        "library from-cube cube.npz --out cube.npz",
+        "finetune --cache tmp --library mine.json --out mine.json",
+        "finetune --cache tmp --library mine.json --model read.safetensors --out read.safetensors",
+        "finetune --cache tmp --library mine.json --cubes cube.npz --out cube.npz",
+        "export read.safetensors --out read.safetensors",
+    ],
+)
+def test_what_a_command_reads_it_does_not_write_over(capfd, tmp_path, cube, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    MaterialLibrary.starter().save("mine.json")
+    (tmp_path / "link").symlink_to("mine.json")
+    (tmp_path / "out").mkdir()
+    for file in words.split():
+        path = tmp_path / file
+        if path.suffix and not path.exists():
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(cube.read_bytes())
+    if "decompose" in words:
+        write_cube(read_cube(cube), "out/maps.exr")
+        MaterialLibrary.starter().save("out/decomposition.npz")
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    assert "reads it" in refused(capfd, *words.split())
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
 @pytest.mark.parametrize("words", [[], ["paint"], ["library"], ["library", "paint"], ["decompose"]])
 def test_no_command_or_no_such_command(capfd, words):
     assert "--help" in refused(capfd, *words)

@@ -138,7 +138,7 @@ def bands(args):
     from .progress import progress_bar
 
     if args.out is not None:
-        check_writable(args.out)
+        check_writable(args.out, args.library)
     library = _starter() if args.library is None else MaterialLibrary.load(args.library)
     with progress_bar() as report:
         best = design_filters(library, args.n, progress=report)
@@ -199,7 +199,7 @@ def library_import(args):
 
     from .library_io import import_library, read_names
 
-    check_writable(args.out)
+    check_writable(args.out, args.file, args.names, *args.file.glob("*.[tT][xX][tT]"))
     names = None if args.names is None else read_names(args.names)
     library, note = import_library(args.file, args.wavenumbers, names, args.sky)
     library.save(args.out)
@@ -216,7 +216,7 @@ def library_from_cube(args):
     from .cube_io import read_cube
     from .progress import progress_bar
 
-    check_writable(args.out)
+    check_writable(args.out, args.cube)
     cube = read_cube(args.cube)
     with progress_bar() as report:
         library, note = library_from_cube(cube, args.materials, progress=report)
@@ -252,7 +252,7 @@ def finetune(args):
     from .cube_io import read_cube
     from .weights import load_network, save_network
 
-    check_writable(args.out)
+    check_writable(args.out, args.library, args.model, *args.cubes)
     library = MaterialLibrary.load(args.library)
     cubes = [read_cube(path) for path in args.cubes]
     network, past = load_network(args.model)
@@ -305,7 +305,7 @@ def export(args):
 
     from .weights import load_network
 
-    check_writable(args.out)
+    check_writable(args.out, args.model)
     network, history = load_network(args.model)
     try:
         from export.to_onnx import export_onnx
@@ -396,6 +396,7 @@ def _decompose(
 
         from .cube_io import read_cube
 
+    inputs = cube_path, _truth_path(cube_path), library, model
     cube = read_cube(cube_path)
     library = _starter() if library is None else MaterialLibrary.load(library)
     truth = _truth(cube_path)
@@ -405,7 +406,7 @@ def _decompose(
         from .pipeline import decompose
         from .progress import progress_bar
 
-    check_directory(directory)
+    check_directory(directory, *inputs)
     # a budget tries all methods, and local and sgd run on the CPU alone
     runner = cache(
         lambda m: _runner(m, model, "cpu" if budget and not m.startswith("net") else device)
