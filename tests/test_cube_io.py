@@ -138,6 +138,42 @@ def test_an_exr_without_spectra_is_refused(tmp_path):
         read_cube(path)
 
 
+@pytest.mark.parametrize(
+    "text", [b"S0.9000,0nm", b"R", UNITS.encode() + b".um", b"0.25", b"0.0625"]
+)
+def test_an_exr_with_text_that_is_not_utf_8_is_refused(tmp_path, text):
+    """A byte is damaged in a band's name, another channel's, the units, a width, the NETD."""
+    path = tmp_path / "cube.exr"
+    own = {"texnetFwhmUm": "0.25", "texnetNetdK": "0.0625"}
+    units = {"emissiveUnits": UNITS + ".um^-1"}
+    write_exr(path, {"S0.9000,0nm": plane(1), "R": plane(1)}, **units, **own)
+    assert read_cube(path).netd_k == 0.0625
+    data, at = path.read_bytes(), path.read_bytes().index(b"\0" + text if len(text) < 2 else text)
+    path.write_bytes(data[: at + len(text) - 1] + b"\xe5" + data[at + len(text) :])
+    with pytest.raises(InputError, match="not UTF-8|not a whole"):
+        read_cube(path)
+
+
+@pytest.mark.parametrize(
+    "mark, offset, damage",
+    [
+        (b"'shape': (2, 1, 1), }", 16, b", ( "),  # a bracket that never closes
+        (b"'shape': (2,), }", 12, b", ( "),
+        (b"PK\x01\x02", 8, b"\x01"),  # encrypted
+        (b"PK\x01\x02", 10, b"\x63"),  # a method of packing that zipfile does not know
+    ],
+)
+def test_an_npz_with_a_damaged_header_is_refused(tmp_path, mark, offset, damage):
+    path = tmp_path / "cube.npz"
+    np.savez(path, radiance=np.full((2, 1, 1), 5.0), wavelength_um=np.array([9.0, 10.0]))
+    assert read_cube(path).bands == 2
+    data = path.read_bytes()
+    at = data.index(mark) + offset
+    path.write_bytes(data[:at] + damage + data[at + len(damage) :])
+    with pytest.raises(InputError, match="not a whole npz file"):
+        read_cube(path)
+
+
 @pytest.fixture
 def cube():
     rng = np.random.default_rng(3)
