@@ -138,19 +138,15 @@ def test_an_exr_without_spectra_is_refused(tmp_path):
         read_cube(path)
 
 
-@pytest.mark.parametrize(
-    "text", [b"S0.9000,0nm", b"R", UNITS.encode() + b".um", b"0.25", b"0.0625"]
-)
+@pytest.mark.parametrize("text", [b"S0.9000,0nm", b"red", UNITS.encode(), b"0.25", b"0.0625"])
 def test_an_exr_with_text_that_is_not_utf_8_is_refused(tmp_path, text):
     """A byte is damaged in a band's name, another channel's, the units, a width, the NETD."""
     path = tmp_path / "cube.exr"
-    own = {"texnetFwhmUm": "0.25", "texnetNetdK": "0.0625"}
-    units = {"emissiveUnits": UNITS + ".um^-1"}
-    write_exr(path, {"S0.9000,0nm": plane(1), "R": plane(1)}, **units, **own)
+    own = {"texnetFwhmUm": "0.25", "texnetNetdK": "0.0625", "emissiveUnits": UNITS + ".um^-1"}
+    write_exr(path, {"S0.9000,0nm": plane(1), "red": plane(1)}, **own)
     assert read_cube(path).netd_k == 0.0625
-    data, at = path.read_bytes(), path.read_bytes().index(b"\0" + text if len(text) < 2 else text)
-    path.write_bytes(data[: at + len(text) - 1] + b"\xe5" + data[at + len(text) :])
-    with pytest.raises(InputError, match="not UTF-8|not a whole"):
+    path.write_bytes(path.read_bytes().replace(text, b"\xe5" + text[1:], 1))
+    with pytest.raises(InputError, match="not UTF-8"):
         read_cube(path)
 
 

@@ -63,7 +63,7 @@ def read_cube(path):
         raise InputError(f"cube: {path} may not be read; check its permissions.")
     try:
         return read(path)
-    except UnicodeDecodeError as e:  # OpenEXR decodes names and attributes when they are looked at
+    except UnicodeDecodeError as e:  # some only when looked at
         raise InputError(f"cube: {path} holds names or attributes that are not UTF-8.") from e
 
 
@@ -202,6 +202,8 @@ def _read_exr(path):
     try:
         with _quiet_library(), OpenEXR.File(str(path), header_only=True) as file:
             header = dict(file.header())
+    except UnicodeDecodeError:
+        raise
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:
         raise InputError(f"cube: {path} is not a whole OpenEXR file.") from e
 
