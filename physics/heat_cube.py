@@ -13,9 +13,20 @@ MIN_TYPICAL_K, MAX_TYPICAL_K = 160.0, 1000.0  # beyond them the units are wrong,
 MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
 
+def numbers(values, what):
+    """values as an array of real numbers; InputError, which starts with what, if they are not."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.array(None)
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{what} must be real numbers.")
+    return array
+
+
 def check_wavelength(wavelength_um, what):
     """A validated (n,) float64 wavelength axis in um; InputError says what is wrong."""
-    w = np.array(wavelength_um, dtype=np.float64)
+    w = numbers(wavelength_um, f"{what}: wavelengths").astype(np.float64)
     if w.ndim != 1 or w.size == 0:
         raise InputError(f"{what}: wavelengths must be one list of numbers, got shape {w.shape}.")
     if not np.isfinite(w).all() or (w <= 0).any():
@@ -54,7 +65,7 @@ class HeatCube:
     netd_k: float | None = None
 
     def __post_init__(self):
-        s = np.asarray(self.radiance, dtype=np.float32)
+        s = np.asarray(numbers(self.radiance, "cube: radiance"), dtype=np.float32)
         if s.flags.writeable:
             s = s.copy()
         w = check_wavelength(self.wavelength_um, "cube")

@@ -72,6 +72,35 @@ def test_wrong_cubes(capfd, tmp_path, cube, change, sentence):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (lambda t: {"temperature_k": t.temperature_k[:3]}, "temperature_k must be (8, 9)"),
+        (lambda t: {"temperature_k": t.temperature_k * np.nan}, "finite"),
+        (lambda t: {"temperature_k": t.temperature_k.astype(str)}, "temperature_k must be real"),
+        (lambda t: {"material": t.material + 9}, "whole numbers, 0..3"),
+        (lambda t: {"material": t.material - 1}, "whole numbers, 0..3"),
+        (lambda t: {"material": t.material.astype(float)}, "whole numbers, 0..3"),
+        (lambda t: {"material": t.material[0]}, "(height, width)"),
+        (lambda t: {"material_names": np.array("grass")}, "a list"),
+        (lambda t: {"emissivity": t.emissivity[:3]}, "emissivity must be (6, 8, 9)"),
+        (lambda t: {"visible": t.visible[..., :2]}, "visible must be (8, 9, 3)"),
+        (lambda t: {"wavelength_um": t.wavelength_um[:3]}, "must be (3, 8, 9)"),
+        (lambda t: {"wavelength_um": t.wavelength_um.astype("c8")}, "real numbers"),
+        (lambda t: {"wavelength_um": t.wavelength_um + 0.5}, "are not those of the cube"),
+        (lambda t: vars(made_up.truth(8, 10)), "it has (8, 10) pixels"),
+    ],
+)
+def test_a_damaged_truth_beside_a_cube(capfd, tmp_path, cube, monkeypatch, change, sentence):
+    def never(*args, **kwargs):
+        raise AssertionError("worked first, complained later")
+
+    monkeypatch.setattr(import_module("texnet.pipeline"), "decompose", never)
+    truth = made_up.truth(8, 9)
+    np.savez(tmp_path / "cube.truth.npz", **vars(truth) | change(truth))
+    assert sentence in refused(capfd, "decompose", cube, "--out", tmp_path / "out")
+
+
 def test_a_truncated_exr(capfd, tmp_path):
     path = tmp_path / "cube.exr"
     write_cube(made_up.cube(made_up.truth()), path)

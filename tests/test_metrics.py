@@ -122,6 +122,9 @@ def test_a_room_has_no_sky_lit_texture_to_be_found(truth):
 def test_another_scene_s_truth_is_refused(truth):
     with pytest.raises(InputError, match="its truth"):
         evaluate(made_up.perfect(made_up.truth(8, 9)), truth)
+    shifted = replace(truth, wavelength_um=truth.wavelength_um + 0.1)
+    with pytest.raises(InputError, match="its truth"):
+        evaluate(made_up.perfect(truth), shifted)
 
 
 def test_correlation_is_that_of_numpy_and_blind_to_scale():

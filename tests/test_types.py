@@ -50,6 +50,9 @@ WRONG_WAVELENGTHS = {
     "zero": (W - 8, "positive"),
     "two lists": (np.stack([W, W]), "one list"),
     "empty": ([], "one list"),
+    "complex": (W + 0j, "real"),
+    "text": ([str(w) for w in W], "real"),
+    "ragged": ([8.0, [9.0], 10.0], "real"),
 }
 
 
@@ -72,6 +75,7 @@ def test_as_many_wavelengths_as_values(make):
 @pytest.mark.parametrize(
     "change, word",
     [
+        *((dict(radiance=S.astype(kind)), "real") for kind in (complex, str, bool)),
         (dict(radiance=S[:, 0]), "(5, 4)"),
         (dict(radiance=S[:, :0]), "(5, 0, 4)"),
         (dict(radiance=S.transpose(1, 2, 0)), "bands first"),
@@ -332,7 +336,7 @@ ROW = {"name": "grass", "emissivity": [0.9, 0.95]}
         (json.dumps({"wavelength_um": [14, 8], "materials": [ROW]}), "ascend"),
         (json.dumps({"wavelength_um": [8, 10, 14], "materials": [ROW]}), "(1, 3)"),
         (json.dumps({"wavelength_um": [8, 14], "materials": [ROW, ROW]}), "unique"),
-        (json.dumps({"wavelength_um": ["8 um", 14], "materials": [ROW]}), "must hold"),
+        (json.dumps({"wavelength_um": ["8 um", 14], "materials": [ROW]}), "real numbers"),
     ],
 )
 def test_wrong_library_files(tmp_path, text, word):

@@ -400,6 +400,8 @@ def _decompose(
     cube = read_cube(cube_path)
     library = _starter() if library is None else MaterialLibrary.load(library)
     truth = _truth(cube_path)
+    if truth is not None:
+        truth.check_cube(cube)
 
     with _loading():
         from .outputs import check_directory, write_decomposition
