@@ -134,7 +134,7 @@ def test_wrong_scenes(capfd, tmp_path):
     [
         ["--size", "0x5"], ["--size", "5"], ["--size", "axb"], ["--size", "-3x4"],
         ["--bands", "0"], ["--bands", "-1"], ["--bands", "2.5"], ["--spp", "0"],
-        ["--netd", "-1"], ["--netd", "nan"], ["--netd", "x"], ["--seed", "-1"],
+        ["--netd", "-1"], ["--netd", "nan"], ["--netd", "x"], ["--netd", "50"], ["--seed", "-1"],
         ["--bandz", "3"],
     ],
 )  # fmt: skip

@@ -91,6 +91,9 @@ def test_as_many_wavelengths_as_values(make):
         (dict(netd_k=-0.05), "NETD"),
         (dict(netd_k=np.nan), "NETD"),
         (dict(netd_k=np.inf), "NETD"),
+        (dict(netd_k=50), "not in mK"),
+        (dict(fwhm_um=[100.0] * 5), "reaches 100"),
+        (dict(fwhm_um=[0.1j] * 5), "real"),
     ],
 )
 def test_wrong_cubes(change, word):
@@ -258,6 +261,13 @@ def test_netd_of_few_bands(bands):
     s = radiance(w[:, None, None], t)
     s = s + np.random.default_rng(0).normal(size=s.shape) * noise_sigma(w, 0.1)[:, None, None]
     assert HeatCube(s, w).with_netd().netd_k == pytest.approx(0.1, rel=0.15)
+
+
+@pytest.mark.parametrize("bands", [4, 20])
+def test_netd_of_a_cube_without_noise_is_the_least(bands):
+    w = np.linspace(8, 14, bands)
+    cube = HeatCube(np.broadcast_to(radiance(w, 300.0)[:, None, None], (bands, 20, 20)), w)
+    assert cube.with_netd().netd_k == pytest.approx(1e-3)
 
 
 def test_known_netd_is_kept():

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from physics.errors import InputError
+from physics.heat_cube import MAX_NETD_K
 
 FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
     "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
@@ -783,8 +784,8 @@ def _netd(text):
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 <= value < 100:
-        raise argparse.ArgumentTypeError(f"need a temperature from 0 to below 100 K, got {text!r}")
+    if not 0 <= value <= MAX_NETD_K:
+        raise argparse.ArgumentTypeError(f"need 0 to {MAX_NETD_K:g} K, got {text!r}")
     return value
 
 
