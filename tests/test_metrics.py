@@ -187,3 +187,9 @@ def test_principal_components_find_the_sources_in_order():
     np.testing.assert_array_equal(pcs, principal_components(cube))
     two_bands = principal_components(HeatCube(s[:2], [8.0, 9.0]))
     assert two_bands.shape == (3, 20, 30) and not two_bands[2].any() and two_bands[1].any()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7)])
+def test_a_cube_of_equal_pixels_has_no_component(shape):
+    cube = HeatCube(np.full((8, *shape), 7.0), np.linspace(8, 14, 8))
+    np.testing.assert_allclose(principal_components(cube), 0, atol=1e-6)

@@ -49,7 +49,8 @@ def principal_components(cube):
     spectra = cube.spectra.astype(np.float64)
     sample = spectra[:: max(1, len(spectra) // 20000)]
     n = min(3, *sample.shape)
-    pca = PCA(n_components=n, svd_solver="full").fit(sample)
+    with np.errstate(invalid="ignore"):  # shares of a variance that is 0; they are not used
+        pca = PCA(n_components=n, svd_solver="full").fit(sample)
     scores = pca.transform(spectra).T
     scores *= np.where(pca.components_.sum(axis=1) < 0, -1.0, 1.0)[:, None]
     out = np.zeros((3, len(spectra)))
