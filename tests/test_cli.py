@@ -142,7 +142,9 @@ def test_wrong_options_of_simulate(capfd, tmp_path, words):
     assert words[0] in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.exr", *words)
 
 
-@pytest.mark.parametrize("words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "nets"]])
+@pytest.mark.parametrize(
+    "words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "nets"], ["--out", ""]]
+)
 def test_wrong_options_of_decompose(capfd, tmp_path, cube, words):
     assert words[0] in refused(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
 

@@ -583,7 +583,7 @@ def _parser():
         )  # fmt: skip
 
     p = add(commands, "demo", demo, "decompose the packaged night scene and draw the pictures")
-    p.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
+    p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
 
     p = add(commands, "import", import_, "turn a cube of others into one for decompose")
     p.add_argument(
@@ -630,7 +630,7 @@ def _parser():
 
     p = add(commands, "decompose", decompose, "decompose a cube into TeX")
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz")
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
         "--method", choices=("local", "sgd", "net", "net+sgd"),
@@ -668,7 +668,7 @@ def _parser():
             help=f"default: {epochs}",
         )  # fmt: skip
         p.add_argument(
-            "--cache", metavar="DIR", type=Path, default=Path.home() / ".cache" / "texnet",
+            "--cache", metavar="DIR", type=_folder, default=Path.home() / ".cache" / "texnet",
             help="scenes and checkpoints, default: ~/.cache/texnet",
         )  # fmt: skip
         p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
@@ -695,14 +695,14 @@ def _parser():
     p = commands.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; ten minutes")
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
 
     p = add(
         actions, "stability", bench_stability, "where methods fail, and whether they say so; 15 min"
     )
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p = add(actions, "chart", bench_chart, "accuracy against time beside the peers; minutes")
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--network", metavar="FILE", type=Path, action="append", default=[],
         help=".safetensors of one more network to chart; may be given several times",
@@ -711,7 +711,7 @@ def _parser():
     p = add(commands, "reproduce", reproduce, "one of the paper's results, on scenes of our own")
     p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
     p.add_argument(
-        "--out", metavar="DIR", type=Path, default=Path("reproduce"), help="default: reproduce"
+        "--out", metavar="DIR", type=_folder, default=Path("reproduce"), help="default: reproduce"
     )
     p.add_argument("--full", action="store_true", help="the published size; hours")
 
@@ -755,6 +755,12 @@ def _integer(low, high):
         return int(text)
 
     return parse
+
+
+def _folder(text):
+    if not text:
+        raise argparse.ArgumentTypeError("need the name of a folder; . is the current one")
+    return Path(text)
 
 
 def _count(text):
