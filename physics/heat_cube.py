@@ -121,7 +121,8 @@ class HeatCube:
                 f"cube: fwhm_um reaches {width.max():g}, more than its band's wavelength; give it "
                 "in um."
             )
-        if self.netd_k is not None and not 0 < self.netd_k <= MAX_NETD_K:
+        netd = numbers(1.0 if self.netd_k is None else self.netd_k, "cube: NETD")
+        if netd.ndim or not 0 < netd <= MAX_NETD_K:
             raise InputError(
                 f"cube: NETD must be above 0 and at most {MAX_NETD_K:g} K, got {self.netd_k}; "
                 "give it in K, not in mK."

@@ -92,6 +92,7 @@ def test_as_many_wavelengths_as_values(make):
         (dict(netd_k=np.nan), "NETD"),
         (dict(netd_k=np.inf), "NETD"),
         (dict(netd_k=50), "not in mK"),
+        *((dict(netd_k=netd), "NETD") for netd in ("0.05", True, [0.05])),
         (dict(fwhm_um=[100.0] * 5), "reaches 100"),
         (dict(fwhm_um=[0.1j] * 5), "real"),
     ],
