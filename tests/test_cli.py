@@ -171,6 +171,9 @@ def test_wrong_places_are_refused_before_the_work(capfd, tmp_path, cube, monkeyp
         "decompose out/maps.exr --out out",
         "decompose cube.npz --library out/decomposition.npz --out out",
         "decompose cube.npz --model out/decomposition.npz --out out",
+        "import cube.npz --out cube.npz",
+        "simulate linked.json --out linked.npz",
+        "simulate forest --bands linked.json --out linked.npz",
         "bands --n 4 --library mine.json --out mine.json",
         "bands --n 4 --library mine.json --out link",
         "library import read.csv --out read.csv",
@@ -187,6 +190,7 @@ def test_what_a_command_reads_it_does_not_write_over(capfd, tmp_path, cube, monk
     monkeypatch.chdir(tmp_path)
     MaterialLibrary.starter().save("mine.json")
     (tmp_path / "link").symlink_to("mine.json")
+    (tmp_path / "linked.npz").symlink_to("linked.json")
     (tmp_path / "out").mkdir()
     for file in words.split():
         path = tmp_path / file

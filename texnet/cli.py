@@ -74,7 +74,7 @@ def import_(args):
     from .cube_io import check_cube_path, write_cube
     from .progress import progress_bar
 
-    check_cube_path(args.out)
+    check_cube_path(args.out, args.file)
     with progress_bar() as report:
         cube, note = import_cube(
             args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report
@@ -98,14 +98,14 @@ def simulate(args):
         from .cube_io import check_cube_path, write_cube
         from .progress import progress_bar
 
-    check_cube_path(args.out)
+    named = isinstance(args.bands, Path)
+    check_cube_path(args.out, args.scene, args.bands if named else None)
     beside = _truth_path(args.out)
     for other in (args.out.with_suffix(s) for s in (".exr", ".npz")):
         if other != args.out and other.exists():
             raise InputError(
                 f"{beside} would be taken for the truth of {other}, too; choose another name."
             )
-    named = isinstance(args.bands, Path)
     wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
     is_file = Path(args.scene).suffix == ".json"
     scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)

@@ -75,10 +75,11 @@ def write_cube(cube, path):
         write(cube, part)
 
 
-def check_cube_path(path):
-    """Raise InputError, before the work, if no cube could be written at path."""
+def check_cube_path(path, *inputs):
+    """Raise InputError, before the work, if no cube could be written at path, or if it is one of
+    inputs, paths or None that are read."""
     _format(Path(path))
-    check_writable(path)
+    check_writable(path, *inputs)
 
 
 def channel_name(wavelength_um):
