@@ -2,12 +2,17 @@
 
 import zipfile
 import zlib
+from tokenize import TokenError
 
 import numpy as np
 
 from . import scratch
 from .errors import InputError
 from .whole_file import whole_file
+
+# what numpy and zipfile raise on damaged files
+BROKEN_NPY = (ValueError, TypeError, OverflowError, SyntaxError, RuntimeError, TokenError)
+BROKEN_NPZ = (*BROKEN_NPY, OSError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 def save_arrays(path, arrays, *, compress):
@@ -39,7 +44,7 @@ def load_arrays(path, names, what):
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             missing = [n for n in names if n not in data.files]
             arrays = {n: data[n] for n in names if n in data.files}
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as e:
+    except BROKEN_NPZ as e:
         reason = getattr(e, "strerror", None) or "it is not a whole npz file of plain arrays"
         raise InputError(f"{what}: cannot read {path}: {reason}.") from e
     if missing:

@@ -22,7 +22,7 @@ was at most 1.02 times the stated one at 20 mK and more.
 
 import numpy as np
 
-from .heat_cube import HeatCube, lit
+from .heat_cube import MAX_NETD_K, HeatCube, lit
 from .planck import noise_sigma
 
 SAMPLES = 6000  # pixels
@@ -48,7 +48,7 @@ def without_bad_bands(cube):
     if noise is not None and cube.bands >= MANY_BANDS and cube.netd_k:
         usual = float(np.median(noise))
         if usual > MORE * max(cube.netd_k, FINEST_K):
-            cube = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, usual)
+            cube = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, min(usual, MAX_NETD_K))
     return cube, {float(w[b]): bad[b] for b in sorted(bad)}
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .errors import InputError
-from .heat_cube import check_wavelength
+from .heat_cube import MAX_K, check_wavelength, numbers
+from .planck import radiance as planck_radiance
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +37,21 @@ class Environment:
 
     def __post_init__(self):
         w = check_wavelength(self.wavelength_um, "environment")
-        s = np.array(self.radiance, dtype=np.float64)
+        s = np.array(numbers(self.radiance, "environment: radiance"), dtype=np.float64)
         if s.ndim != 2 or s.shape[1] != w.size or s.shape[0] == 0:
             raise InputError(
                 f"environment: radiance must be (k, {w.size} bands) with k >= 1, got {s.shape}."
             )
         if not np.isfinite(s).all() or (s <= 0).any():
             raise InputError("environment: radiance must be finite and positive.")
+        if (s > planck_radiance(w, MAX_K)).any():
+            raise InputError(
+                f"environment: radiance looks hotter than {MAX_K:.0f} K; give it in "
+                "W m-2 sr-1 um-1."
+            )
         sky = tuple(np.atleast_1d(self.sky).tolist())
-        if len(set(sky)) != len(sky) or not all(j in range(len(s)) for j in sky):
+        known = all(type(j) is int and j in range(len(s)) for j in sky)
+        if len(set(sky)) != len(sky) or not known:
             raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
         if not 0 <= self.error_k < 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")

@@ -10,12 +10,24 @@ from .planck import brightness_temperature, noise_sigma
 from .planck import radiance as planck_radiance
 
 MIN_TYPICAL_K, MAX_TYPICAL_K = 160.0, 1000.0  # beyond them the units are wrong, not the scene
+MAX_NETD_K = 10.0  # beyond it, it is in mK
 MAX_K = 1e4  # of any pixel; beyond it a detector is dead
+
+
+def numbers(values, what):
+    """values as an array of real numbers; InputError, which starts with what, if they are not."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.array(None)
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{what} must be real numbers.")
+    return array
 
 
 def check_wavelength(wavelength_um, what):
     """A validated (n,) float64 wavelength axis in um; InputError says what is wrong."""
-    w = np.array(wavelength_um, dtype=np.float64)
+    w = numbers(wavelength_um, f"{what}: wavelengths").astype(np.float64)
     if w.ndim != 1 or w.size == 0:
         raise InputError(f"{what}: wavelengths must be one list of numbers, got shape {w.shape}.")
     if not np.isfinite(w).all() or (w <= 0).any():
@@ -54,7 +66,7 @@ class HeatCube:
     netd_k: float | None = None
 
     def __post_init__(self):
-        s = np.asarray(self.radiance, dtype=np.float32)
+        s = np.asarray(numbers(self.radiance, "cube: radiance"), dtype=np.float32)
         if s.flags.writeable:
             s = s.copy()
         w = check_wavelength(self.wavelength_um, "cube")
@@ -99,11 +111,22 @@ class HeatCube:
                     f"in one band, the first in row {row}, column {column}; replace dead ones by "
                     "their neighbours."
                 )
-        width = np.zeros_like(w) if self.fwhm_um is None else np.array(self.fwhm_um, np.float64)
+        width = np.zeros_like(w)
+        if self.fwhm_um is not None:
+            width = numbers(self.fwhm_um, "cube: fwhm_um").astype(np.float64)
         if width.shape != w.shape or not np.isfinite(width).all() or (width < 0).any():
             raise InputError("cube: fwhm_um must hold one width >= 0 in um per band.")
-        if self.netd_k is not None and not 0 < self.netd_k < 100:
-            raise InputError(f"cube: NETD must be between 0 and 100 K, got {self.netd_k}.")
+        if (width > w).any():
+            raise InputError(
+                f"cube: fwhm_um reaches {width.max():g}, more than its band's wavelength; give it "
+                "in um."
+            )
+        netd = numbers(1.0 if self.netd_k is None else self.netd_k, "cube: NETD")
+        if netd.ndim or not 0 < netd <= MAX_NETD_K:
+            raise InputError(
+                f"cube: NETD must be above 0 and at most {MAX_NETD_K:g} K, got {self.netd_k}; "
+                "give it in K, not in mK."
+            )
         s.setflags(write=False)
         width.setflags(write=False)
         object.__setattr__(self, "radiance", s)
@@ -169,7 +192,7 @@ class HeatCube:
         sigma = noise_sigma(self.wavelength_um, 1.0)
         if self.bands >= 12 and self.radiance[0].size > 2 * self.bands:
             variance = np.linalg.eigvalsh(np.cov((self.sample(20000) / sigma).T))
-            netd = np.sqrt(np.median(variance))
+            netd = np.sqrt(max(0.0, np.median(variance)))  # rounding can bring it below 0
         elif min(self.shape) >= 3:
             second = [
                 np.abs(band[1:-1] - 0.5 * (band[:-2] + band[2:])) / s
@@ -178,5 +201,5 @@ class HeatCube:
             netd = np.median(second) / 0.6745 / np.sqrt(1.5)
         else:
             raise InputError("cube: its NETD is not known and it is too small to estimate it.")
-        netd = float(np.clip(netd, 1e-3, 99.0))
+        netd = float(np.clip(netd, 1e-3, MAX_NETD_K))
         return HeatCube(self.radiance, self.wavelength_um, self.fwhm_um, netd)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from .array_file import load_arrays, save_arrays
+from .errors import InputError
+from .heat_cube import check_wavelength, numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,5 +50,42 @@ class Truth:
     def load(path):
         """Read what `save` wrote; InputError if it is not that."""
         arrays = load_arrays(path, [f.name for f in fields(Truth)], "truth")
+        try:
+            _check(arrays)
+        except InputError as e:
+            raise InputError(f"{str(e).rstrip('.')} (in {path}).") from e
         arrays["material_names"] = tuple(str(n) for n in arrays["material_names"])
         return Truth(**arrays)
+
+    def check_cube(self, cube):
+        """Raise InputError unless this could be the truth of a HeatCube, by size and bands."""
+        own, bands = self.wavelength_um, cube.wavelength_um
+        if self.material.shape != cube.shape:
+            raise InputError(
+                f"truth: it has {self.material.shape} pixels, the cube beside it {cube.shape}; "
+                "move it away."
+            )
+        if own.shape != bands.shape or not np.allclose(own, bands, 0, 1e-3):
+            raise InputError(
+                "truth: its wavelengths are not those of the cube beside it; move it away."
+            )
+
+
+def _check(arrays):
+    """InputError unless arrays, by field name, fit each other as Truth says."""
+    material, names = arrays["material"], arrays["material_names"]
+    bands = check_wavelength(arrays["wavelength_um"], "truth").shape
+    if material.ndim != 2 or names.ndim != 1:
+        raise InputError("truth: material must be (height, width), and material_names a list.")
+    pixels = material.shape
+    shapes = {
+        "temperature_k": pixels, "sky_view": pixels, "sky_texture": pixels,
+        "emissivity": bands + pixels, "texture": bands + pixels, "visible": (*pixels, 3),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise InputError(f"truth: {name} must be {shape}, got {arrays[name].shape}.")
+        if not np.isfinite(numbers(arrays[name], f"truth: {name}")).all():
+            raise InputError(f"truth: {name} must be finite.")
+    if material.dtype.kind not in "iu" or not ((material >= 0) & (material < names.size)).all():
+        raise InputError(f"truth: material must hold whole numbers, 0..{names.size - 1}.")

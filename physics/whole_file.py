@@ -8,28 +8,48 @@ from pathlib import Path
 from .errors import InputError
 
 
-def check_writable(path):
-    """Raise InputError, before hours of work, if a file could not be written at path."""
+def check_writable(path, *inputs):
+    """Raise InputError, before hours of work, if a file could not be written at path.
+
+    inputs  what is read, paths or None: none of them may be written over
+    """
     path = Path(path)
+    target = _target(path)
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the name of a file.")
-    if not path.parent.is_dir():
-        raise InputError(f"cannot write {path}: there is no folder {path.parent}.")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"cannot write {path}: the folder {path.parent} is read-only.")
+    if os.path.lexists(target) and not target.is_file():
+        raise InputError(f"cannot write {path}: it is no regular file; give the name of one.")
+    if not target.parent.is_dir():
+        raise InputError(f"cannot write {path}: there is no folder {target.parent}.")
+    if not os.access(target.parent, os.W_OK):
+        raise InputError(f"cannot write {path}: the folder {target.parent} is read-only.")
+    for other in inputs:
+        if other is not None and _same_file(target, other):
+            raise InputError(f"cannot write {path}: the command reads it; give another name.")
 
 
 @contextmanager
 def whole_file(path):
     """Yield a path to write to; it becomes `path` if the block ends well, else it goes.
 
-    The neighbour keeps the suffix, because numpy and matplotlib choose by it.
+    The neighbour keeps the suffix, because numpy and matplotlib choose by it. A link stays one:
+    what it leads to is written.
     """
     path = Path(path)
     check_writable(path)
-    part = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    target = _target(path)
+    part = target.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
     try:
         yield part
-        os.replace(part, path)
+        os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)
+
+
+def _target(path):
+    """What a link leads to, in the end; any other path as it is."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _same_file(a, b):
+    return os.path.exists(a) and os.path.exists(b) and os.path.samefile(a, b)

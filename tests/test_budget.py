@@ -138,6 +138,14 @@ def test_a_budget_chooses_and_is_reported(tmp_path, cube_and_library, capfd, mon
     assert any(line.startswith("Method") and "foreseen" in line for line in text)
 
 
+def test_a_single_material_leaves_the_methods_without_a_network(monkeypatch):
+    tried = []
+    monkeypatch.setattr(module, "decompose", lambda *_, method, **__: tried.append(method))
+    cube, library = made_up.cube(made_up.truth(8, 9)), MaterialLibrary.starter().subset(["water"])
+    assert choose(cube, library, 3, 1e9, lambda method: None)[0] in ("sgd", "local")
+    assert not {"net", "net+sgd"} & set(tried)
+
+
 @pytest.mark.parametrize(
     "words, sentence",
     [
@@ -146,6 +154,7 @@ def test_a_budget_chooses_and_is_reported(tmp_path, cube_and_library, capfd, mon
         (["--budget", "0"], "above 0"),
         (["--budget", "soon"], "above 0"),
         (["--budget", "1e-9"], "no method takes 1e-09 s"),
+        (["--budget", "1e-9"], "a small cube takes more"),
     ],
 )
 def test_a_budget_that_makes_no_sense_is_one_sentence(

@@ -72,6 +72,35 @@ def test_wrong_cubes(capfd, tmp_path, cube, change, sentence):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    "change, sentence",
+    [
+        (lambda t: {"temperature_k": t.temperature_k[:3]}, "temperature_k must be (8, 9)"),
+        (lambda t: {"temperature_k": t.temperature_k * np.nan}, "finite"),
+        (lambda t: {"temperature_k": t.temperature_k.astype(str)}, "temperature_k must be real"),
+        (lambda t: {"material": t.material + 9}, "whole numbers, 0..3"),
+        (lambda t: {"material": t.material - 1}, "whole numbers, 0..3"),
+        (lambda t: {"material": t.material.astype(float)}, "whole numbers, 0..3"),
+        (lambda t: {"material": t.material[0]}, "(height, width)"),
+        (lambda t: {"material_names": np.array("grass")}, "a list"),
+        (lambda t: {"emissivity": t.emissivity[:3]}, "emissivity must be (6, 8, 9)"),
+        (lambda t: {"visible": t.visible[..., :2]}, "visible must be (8, 9, 3)"),
+        (lambda t: {"wavelength_um": t.wavelength_um[:3]}, "must be (3, 8, 9)"),
+        (lambda t: {"wavelength_um": t.wavelength_um.astype("c8")}, "real numbers"),
+        (lambda t: {"wavelength_um": t.wavelength_um + 0.5}, "are not those of the cube"),
+        (lambda t: vars(made_up.truth(8, 10)), "it has (8, 10) pixels"),
+    ],
+)
+def test_a_damaged_truth_beside_a_cube(capfd, tmp_path, cube, monkeypatch, change, sentence):
+    def never(*args, **kwargs):
+        raise AssertionError("worked first, complained later")
+
+    monkeypatch.setattr(import_module("texnet.pipeline"), "decompose", never)
+    truth = made_up.truth(8, 9)
+    np.savez(tmp_path / "cube.truth.npz", **vars(truth) | change(truth))
+    assert sentence in refused(capfd, "decompose", cube, "--out", tmp_path / "out")
+
+
 def test_a_truncated_exr(capfd, tmp_path):
     path = tmp_path / "cube.exr"
     write_cube(made_up.cube(made_up.truth()), path)
@@ -105,7 +134,7 @@ def test_wrong_scenes(capfd, tmp_path):
     [
         ["--size", "0x5"], ["--size", "5"], ["--size", "axb"], ["--size", "-3x4"],
         ["--bands", "0"], ["--bands", "-1"], ["--bands", "2.5"], ["--spp", "0"],
-        ["--netd", "-1"], ["--netd", "nan"], ["--netd", "x"], ["--seed", "-1"],
+        ["--netd", "-1"], ["--netd", "nan"], ["--netd", "x"], ["--netd", "50"], ["--seed", "-1"],
         ["--bandz", "3"],
     ],
 )  # fmt: skip
@@ -113,7 +142,9 @@ def test_wrong_options_of_simulate(capfd, tmp_path, words):
     assert words[0] in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.exr", *words)
 
 
-@pytest.mark.parametrize("words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "nets"]])
+@pytest.mark.parametrize(
+    "words", [["--k", "0"], ["--k", "11"], ["--k", "x"], ["--method", "nets"], ["--out", ""]]
+)
 def test_wrong_options_of_decompose(capfd, tmp_path, cube, words):
     assert words[0] in refused(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
 
@@ -132,6 +163,46 @@ def test_wrong_places_are_refused_before_the_work(capfd, tmp_path, cube, monkeyp
     assert "use .exr or .npz" in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.tif")
     assert "it is a file" in refused(capfd, "decompose", cube, "--out", cube)
     assert "no file" in refused(capfd, "decompose", tmp_path / "gone.exr", "--out", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "decompose out/maps.exr --out out",
+        "decompose cube.npz --library out/decomposition.npz --out out",
+        "decompose cube.npz --model out/decomposition.npz --out out",
+        "import cube.npz --out cube.npz",
+        "simulate linked.json --out linked.npz",
+        "simulate forest --bands linked.json --out linked.npz",
+        "bands --n 4 --library mine.json --out mine.json",
+        "bands --n 4 --library mine.json --out link",
+        "library import read.csv --out read.csv",
+        "library import read.mat --names names.txt --out names.txt",
+        "library import folder --out folder/A.TXT",
+        "library from-cube cube.npz --out cube.npz",
+        "finetune --cache tmp --library mine.json --out mine.json",
+        "finetune --cache tmp --library mine.json --model read.safetensors --out read.safetensors",
+        "finetune --cache tmp --library mine.json --cubes cube.npz --out cube.npz",
+        "export read.safetensors --out read.safetensors",
+    ],
+)
+def test_what_a_command_reads_it_does_not_write_over(capfd, tmp_path, cube, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    MaterialLibrary.starter().save("mine.json")
+    (tmp_path / "link").symlink_to("mine.json")
+    (tmp_path / "linked.npz").symlink_to("linked.json")
+    (tmp_path / "out").mkdir()
+    for file in words.split():
+        path = tmp_path / file
+        if path.suffix and not path.exists():
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(cube.read_bytes())
+    if "decompose" in words:
+        write_cube(read_cube(cube), "out/maps.exr")
+        MaterialLibrary.starter().save("out/decomposition.npz")
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    assert "reads it" in refused(capfd, *words.split())
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
 @pytest.mark.parametrize("words", [[], ["paint"], ["library"], ["library", "paint"], ["decompose"]])

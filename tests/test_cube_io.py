@@ -26,7 +26,7 @@ def cubes(draw):
     nm6 = draw(st.lists(st.integers(3 * 10**9, 15 * 10**9), min_size=1, max_size=6, unique=True))
     n, h, w = len(nm6), draw(st.integers(1, 5)), draw(st.integers(1, 5))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    netd = draw(st.none() | st.floats(1e-3, 50))
+    netd = draw(st.none() | st.floats(1e-3, 10))
     return HeatCube(
         rng.uniform(0.1, 20, (n, h, w)), np.sort(nm6) / 1e9, rng.uniform(0, 1, n), netd
     )
@@ -135,6 +135,38 @@ def test_an_exr_without_spectra_is_refused(tmp_path):
     path = tmp_path / "rgb.exr"
     write_exr(path, {"R": plane(1), "G": plane(1), "B": plane(1)})
     with pytest.raises(InputError, match="no spectral channels.*B, G, R"):
+        read_cube(path)
+
+
+@pytest.mark.parametrize("text", [b"S0.9000,0nm", b"red", UNITS.encode(), b"0.25", b"0.0625"])
+def test_an_exr_with_text_that_is_not_utf_8_is_refused(tmp_path, text):
+    """A byte is damaged in a band's name, another channel's, the units, a width, the NETD."""
+    path = tmp_path / "cube.exr"
+    own = {"texnetFwhmUm": "0.25", "texnetNetdK": "0.0625", "emissiveUnits": UNITS + ".um^-1"}
+    write_exr(path, {"S0.9000,0nm": plane(1), "red": plane(1)}, **own)
+    assert read_cube(path).netd_k == 0.0625
+    path.write_bytes(path.read_bytes().replace(text, b"\xe5" + text[1:], 1))
+    with pytest.raises(InputError, match="not UTF-8"):
+        read_cube(path)
+
+
+@pytest.mark.parametrize(
+    "mark, offset, damage",
+    [
+        (b"'shape': (2, 1, 1), }", 16, b", ( "),  # a bracket that never closes
+        (b"'shape': (2,), }", 12, b", ( "),
+        (b"PK\x01\x02", 8, b"\x01"),  # encrypted
+        (b"PK\x01\x02", 10, b"\x63"),  # a method of packing that zipfile does not know
+    ],
+)
+def test_an_npz_with_a_damaged_header_is_refused(tmp_path, mark, offset, damage):
+    path = tmp_path / "cube.npz"
+    np.savez(path, radiance=np.full((2, 1, 1), 5.0), wavelength_um=np.array([9.0, 10.0]))
+    assert read_cube(path).bands == 2
+    data = path.read_bytes()
+    at = data.index(mark) + offset
+    path.write_bytes(data[:at] + damage + data[at + len(damage) :])
+    with pytest.raises(InputError, match="not a whole npz file"):
         read_cube(path)
 
 

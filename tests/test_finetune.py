@@ -251,6 +251,9 @@ def test_crops_are_small_and_know_the_whole_cube(cube):
     narrow = MaterialLibrary(NEW.names, [9.0, 12.0], NEW.at([9.0, 12.0]))
     with pytest.raises(InputError, match="its curves cover 9-12 um"):
         Crops([cube], narrow, 0, 96)
+    pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
+    with pytest.raises(InputError, match="too small to learn from"):
+        Crops([cube, pixel], NEW, 0, 96)
 
 
 # --- the command line --------------------------------------------------------------------

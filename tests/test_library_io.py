@@ -223,6 +223,13 @@ def test_save_and_load_are_inverse(tmp_path):
         np.testing.assert_array_equal(getattr(again, key), value)
 
 
+def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
+    (tmp_path / "a.csv").write_text("wavelength_um,water\n8,1.02\n9,-0.02\n")
+    library, note = import_library(tmp_path / "a.csv")
+    np.testing.assert_array_equal(library.emissivity, [[1, 0]])
+    assert "2 values up to 0.02 outside 0..1 clipped" in note
+
+
 @pytest.mark.parametrize(
     "name, text, sentence",
     [

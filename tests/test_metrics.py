@@ -122,6 +122,9 @@ def test_a_room_has_no_sky_lit_texture_to_be_found(truth):
 def test_another_scene_s_truth_is_refused(truth):
     with pytest.raises(InputError, match="its truth"):
         evaluate(made_up.perfect(made_up.truth(8, 9)), truth)
+    shifted = replace(truth, wavelength_um=truth.wavelength_um + 0.1)
+    with pytest.raises(InputError, match="its truth"):
+        evaluate(made_up.perfect(truth), shifted)
 
 
 def test_correlation_is_that_of_numpy_and_blind_to_scale():
@@ -162,6 +165,15 @@ def test_clahe_brings_out_local_contrast():
     assert clahe(np.ones((5, 7))).shape == (5, 7)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (1, 300), (2, 2)])
+def test_clahe_of_a_single_row_or_column(shape):
+    picture = np.random.default_rng(0).uniform(1, 2, shape)
+    out = clahe(picture)
+    assert out.shape == shape and out.min() >= 0 and out.max() <= 1
+    if out.size < 10:  # one tile, in which brighter stays brighter
+        assert (np.diff(out.ravel()[np.argsort(picture.ravel())]) >= 0).all()
+
+
 def test_principal_components_find_the_sources_in_order():
     rng = np.random.default_rng(0)
     maps = rng.standard_normal((3, 20 * 30)) * np.array([[1.0], [0.3], [0.1]])
@@ -175,3 +187,9 @@ def test_principal_components_find_the_sources_in_order():
     np.testing.assert_array_equal(pcs, principal_components(cube))
     two_bands = principal_components(HeatCube(s[:2], [8.0, 9.0]))
     assert two_bands.shape == (3, 20, 30) and not two_bands[2].any() and two_bands[1].any()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7)])
+def test_a_cube_of_equal_pixels_has_no_component(shape):
+    cube = HeatCube(np.full((8, *shape), 7.0), np.linspace(8, 14, 8))
+    np.testing.assert_allclose(principal_components(cube), 0, atol=1e-6)

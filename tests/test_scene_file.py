@@ -104,6 +104,7 @@ def test_temperature_fields(write):
         (lambda d: d.update(objects=[]), "at least one object"),
         (lambda d: d["camera"].update(fov=3), "unknown key 'fov'"),
         (lambda d: d["camera"].update(position=[1, 2]), "position must be 3 numbers"),
+        (lambda d: d["camera"].update(position=[1e300, 0, 1]), "within 1e\\+09 m"),
         (lambda d: d["camera"].update(fov_deg="wide"), "fov_deg must be a number"),
         (lambda d: d["camera"].update(fov_deg=500), "1-150"),
         (lambda d: d.update(atmosphere={"humidity": 1}), "unknown key 'humidity'"),
@@ -112,6 +113,9 @@ def test_temperature_fields(write):
         (with_object(mesh="no.obj"), "no mesh file"),
         (with_object(mesh="scene.json"), "as a mesh|no triangles"),
         (with_object(mesh={"shape": "torus"}), "box, sphere, plane, cylinder"),
+        (with_object(mesh={"shape": ["box"]}), "box, sphere, plane, cylinder"),
+        (with_object(mesh={"shape": {}}), "box, sphere, plane, cylinder"),
+        (with_object(scale=1e30), "beyond 1e\\+09 m"),
         (with_object(mesh={"shape": "sphere"}), "lacks 'radius'"),
         (with_object(mesh={"shape": "sphere", "radius": 0}), "must be positive"),
         (with_object(mesh={"shape": "box", "size": [1, 2]}), "must be 3 numbers"),
@@ -123,6 +127,7 @@ def test_temperature_fields(write):
         (with_object(temperature_k={"mean_k": 290, "scale_m": 0}), "scale_m must be positive"),
         (with_object(temperature_k={"variation_k": 1}), "lacks 'mean_k'"),
         (with_object(temperature_k=-3), "1-2000"),
+        (with_object(temperature_k=10**400), "must be a number, got 1000"),
         (with_object(material="sky"), "made of sky"),
     ],
 )
@@ -130,6 +135,28 @@ def test_mistakes_are_one_sentence(write, change, message):
     with pytest.raises(InputError, match=message) as caught:
         load_scene(write(change))
     assert "\n" not in str(caught.value) and str(caught.value).count(". ") == 0
+
+
+def test_a_seed_may_be_any_whole_number(write):
+    for seed in (2**31, 2**70):
+        field = {"mean_k": 290, "variation_k": 1, "seed": seed}
+        t = load_scene(write(with_object(temperature_k=field))).objects[0].temperature_k
+        assert 0 < np.abs(t - 290).max() <= 1
+
+
+@pytest.mark.parametrize("index", [4, 7, -1])
+def test_a_triangle_of_a_vertex_that_is_not_there(write, tmp_path, index):
+    """As a damaged PLY has it, whose reader does not look."""
+    change = with_object(mesh="rock.ply")
+    write(change)  # the meshes, too
+    trimesh.load(tmp_path / "rock.ply", process=False).export(
+        tmp_path / "rock.ply", encoding="ascii"
+    )
+    assert len(load_scene(tmp_path / "scene.json").objects) == 1
+    text = (tmp_path / "rock.ply").read_text().rstrip()
+    (tmp_path / "rock.ply").write_text(text[: text.rindex(" ")] + f" {index}\n")
+    with pytest.raises(InputError, match="vertices it does not have"):
+        load_scene(tmp_path / "scene.json")
 
 
 def test_unreadable_files(tmp_path):

@@ -50,6 +50,9 @@ WRONG_WAVELENGTHS = {
     "zero": (W - 8, "positive"),
     "two lists": (np.stack([W, W]), "one list"),
     "empty": ([], "one list"),
+    "complex": (W + 0j, "real"),
+    "text": ([str(w) for w in W], "real"),
+    "ragged": ([8.0, [9.0], 10.0], "real"),
 }
 
 
@@ -72,6 +75,7 @@ def test_as_many_wavelengths_as_values(make):
 @pytest.mark.parametrize(
     "change, word",
     [
+        *((dict(radiance=S.astype(kind)), "real") for kind in (complex, str, bool)),
         (dict(radiance=S[:, 0]), "(5, 4)"),
         (dict(radiance=S[:, :0]), "(5, 0, 4)"),
         (dict(radiance=S.transpose(1, 2, 0)), "bands first"),
@@ -87,6 +91,10 @@ def test_as_many_wavelengths_as_values(make):
         (dict(netd_k=-0.05), "NETD"),
         (dict(netd_k=np.nan), "NETD"),
         (dict(netd_k=np.inf), "NETD"),
+        (dict(netd_k=50), "not in mK"),
+        *((dict(netd_k=netd), "NETD") for netd in ("0.05", True, [0.05])),
+        (dict(fwhm_um=[100.0] * 5), "reaches 100"),
+        (dict(fwhm_um=[0.1j] * 5), "real"),
     ],
 )
 def test_wrong_cubes(change, word):
@@ -133,6 +141,9 @@ def test_wrong_libraries(change, word):
         (dict(radiance=changed(S[:, :2, 0].T, (1, 2), np.inf)), "finite"),
         (dict(sky=(2,)), "sky"),
         (dict(sky=(-1,)), "sky"),
+        *((dict(sky=sky), "sky") for sky in ((True,), (1.0,), ("0",), (0, 0))),
+        (dict(radiance=1e9 * S[:, :2, 0].T), "hotter than 10000 K"),
+        (dict(radiance=1j * S[:, :2, 0].T), "real"),
         (dict(spread=np.zeros((1, 4))), "spread"),
         (dict(spread=np.zeros(5)), "spread"),
         (dict(spread=np.full((1, 5), np.nan)), "spread"),
@@ -256,6 +267,13 @@ def test_netd_of_few_bands(bands):
     assert HeatCube(s, w).with_netd().netd_k == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.parametrize("bands", [4, 20])
+def test_netd_of_a_cube_without_noise_is_the_least(bands):
+    w = np.linspace(8, 14, bands)
+    cube = HeatCube(np.broadcast_to(radiance(w, 300.0)[:, None, None], (bands, 20, 20)), w)
+    assert cube.with_netd().netd_k == pytest.approx(1e-3)
+
+
 def test_known_netd_is_kept():
     cube = HeatCube(S, W, netd_k=0.123)
     assert cube.with_netd() is cube
@@ -332,7 +350,7 @@ ROW = {"name": "grass", "emissivity": [0.9, 0.95]}
         (json.dumps({"wavelength_um": [14, 8], "materials": [ROW]}), "ascend"),
         (json.dumps({"wavelength_um": [8, 10, 14], "materials": [ROW]}), "(1, 3)"),
         (json.dumps({"wavelength_um": [8, 14], "materials": [ROW, ROW]}), "unique"),
-        (json.dumps({"wavelength_um": ["8 um", 14], "materials": [ROW]}), "must hold"),
+        (json.dumps({"wavelength_um": ["8 um", 14], "materials": [ROW]}), "real numbers"),
     ],
 )
 def test_wrong_library_files(tmp_path, text, word):

@@ -23,14 +23,18 @@ def panchromatic(cube):
 def clahe(picture):
     """Contrast-limited adaptive histogram equalisation (Zuiderveld 1994): (H, W) in 0..1.
 
-    Clip limit 2 over at most 8 x 8 tiles, the usual defaults; tiles of 16 pixels or more.
+    Clip limit 2 over at most 8 x 8 tiles, the usual defaults; tiles of 16 pixels or more. A
+    single row or column counts as two of the same.
     """
     import torch  # which takes a second to load
     from kornia.enhance import equalize_clahe
 
-    unit = torch.from_numpy(stretch(picture).astype(np.float32))
+    unit = stretch(picture).astype(np.float32)
+    # kornia's tiles are of 2 pixels or more
+    unit = np.pad(unit, [(0, 1 if n == 1 else 0) for n in unit.shape], mode="edge")
     grid = tuple(max(1, min(8, n // 16)) for n in picture.shape)
-    return equalize_clahe(unit[None, None], clip_limit=2.0, grid_size=grid)[0, 0].numpy()
+    out = equalize_clahe(torch.from_numpy(unit)[None, None], clip_limit=2.0, grid_size=grid)
+    return out[0, 0].numpy()[: picture.shape[0], : picture.shape[1]]
 
 
 def principal_components(cube):
@@ -45,7 +49,8 @@ def principal_components(cube):
     spectra = cube.spectra.astype(np.float64)
     sample = spectra[:: max(1, len(spectra) // 20000)]
     n = min(3, *sample.shape)
-    pca = PCA(n_components=n, svd_solver="full").fit(sample)
+    with np.errstate(invalid="ignore"):  # shares of a variance that is 0; they are not used
+        pca = PCA(n_components=n, svd_solver="full").fit(sample)
     scores = pca.transform(spectra).T
     scores *= np.where(pca.components_.sum(axis=1) < 0, -1.0, 1.0)[:, None]
     out = np.zeros((3, len(spectra)))

@@ -59,7 +59,10 @@ def choose(cube, library, k, budget, model_of, progress=None):
             took = time.perf_counter() - start
         return 1e6 * (once + took / (part.shape[0] * part.shape[1]))
 
-    method, took = first_within(budget, best_first(cube.bands), seconds)
+    methods = best_first(cube.bands)
+    if len(library) < 2:  # the network chooses between materials
+        methods = [method for method in methods if not method.startswith("net")]
+    method, took = first_within(budget, methods, seconds)
     return method, k, took
 
 
@@ -88,7 +91,8 @@ def first_within(budget, methods, seconds):
     fastest = min(took, key=took.get)
     raise InputError(
         f"--budget: no method takes {budget:g} s per megapixel or less on this cube and machine; "
-        f"the fastest, {fastest}, takes {took[fastest]:.1f}."
+        f"the fastest, {fastest}, takes {took[fastest]:.1f} (a small cube takes more per "
+        "megapixel than a large one)."
     )
 
 

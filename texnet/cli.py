@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from physics.errors import InputError
+from physics.heat_cube import MAX_NETD_K
 
 FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
     "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
@@ -73,7 +74,7 @@ def import_(args):
     from .cube_io import check_cube_path, write_cube
     from .progress import progress_bar
 
-    check_cube_path(args.out)
+    check_cube_path(args.out, args.file)
     with progress_bar() as report:
         cube, note = import_cube(
             args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report
@@ -97,14 +98,14 @@ def simulate(args):
         from .cube_io import check_cube_path, write_cube
         from .progress import progress_bar
 
-    check_cube_path(args.out)
+    named = isinstance(args.bands, Path)
+    check_cube_path(args.out, args.scene, args.bands if named else None)
     beside = _truth_path(args.out)
     for other in (args.out.with_suffix(s) for s in (".exr", ".npz")):
         if other != args.out and other.exists():
             raise InputError(
                 f"{beside} would be taken for the truth of {other}, too; choose another name."
             )
-    named = isinstance(args.bands, Path)
     wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
     is_file = Path(args.scene).suffix == ".json"
     scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)
@@ -138,7 +139,7 @@ def bands(args):
     from .progress import progress_bar
 
     if args.out is not None:
-        check_writable(args.out)
+        check_writable(args.out, args.library)
     library = _starter() if args.library is None else MaterialLibrary.load(args.library)
     with progress_bar() as report:
         best = design_filters(library, args.n, progress=report)
@@ -199,7 +200,7 @@ def library_import(args):
 
     from .library_io import import_library, read_names
 
-    check_writable(args.out)
+    check_writable(args.out, args.file, args.names, *args.file.glob("*.[tT][xX][tT]"))
     names = None if args.names is None else read_names(args.names)
     library, note = import_library(args.file, args.wavenumbers, names, args.sky)
     library.save(args.out)
@@ -216,7 +217,7 @@ def library_from_cube(args):
     from .cube_io import read_cube
     from .progress import progress_bar
 
-    check_writable(args.out)
+    check_writable(args.out, args.cube)
     cube = read_cube(args.cube)
     with progress_bar() as report:
         library, note = library_from_cube(cube, args.materials, progress=report)
@@ -252,7 +253,7 @@ def finetune(args):
     from .cube_io import read_cube
     from .weights import load_network, save_network
 
-    check_writable(args.out)
+    check_writable(args.out, args.library, args.model, *args.cubes)
     library = MaterialLibrary.load(args.library)
     cubes = [read_cube(path) for path in args.cubes]
     network, past = load_network(args.model)
@@ -305,7 +306,7 @@ def export(args):
 
     from .weights import load_network
 
-    check_writable(args.out)
+    check_writable(args.out, args.model)
     network, history = load_network(args.model)
     try:
         from export.to_onnx import export_onnx
@@ -396,16 +397,19 @@ def _decompose(
 
         from .cube_io import read_cube
 
+    inputs = cube_path, _truth_path(cube_path), library, model
     cube = read_cube(cube_path)
     library = _starter() if library is None else MaterialLibrary.load(library)
     truth = _truth(cube_path)
+    if truth is not None:
+        truth.check_cube(cube)
 
     with _loading():
         from .outputs import check_directory, write_decomposition
         from .pipeline import decompose
         from .progress import progress_bar
 
-    check_directory(directory)
+    check_directory(directory, *inputs)
     # a budget tries all methods, and local and sgd run on the CPU alone
     runner = cache(
         lambda m: _runner(m, model, "cpu" if budget and not m.startswith("net") else device)
@@ -579,7 +583,7 @@ def _parser():
         )  # fmt: skip
 
     p = add(commands, "demo", demo, "decompose the packaged night scene and draw the pictures")
-    p.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
+    p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
 
     p = add(commands, "import", import_, "turn a cube of others into one for decompose")
     p.add_argument(
@@ -626,7 +630,7 @@ def _parser():
 
     p = add(commands, "decompose", decompose, "decompose a cube into TeX")
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz")
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
         "--method", choices=("local", "sgd", "net", "net+sgd"),
@@ -664,7 +668,7 @@ def _parser():
             help=f"default: {epochs}",
         )  # fmt: skip
         p.add_argument(
-            "--cache", metavar="DIR", type=Path, default=Path.home() / ".cache" / "texnet",
+            "--cache", metavar="DIR", type=_folder, default=Path.home() / ".cache" / "texnet",
             help="scenes and checkpoints, default: ~/.cache/texnet",
         )  # fmt: skip
         p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
@@ -691,14 +695,14 @@ def _parser():
     p = commands.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     p = add(actions, "speed", bench_speed, "speed beside the peers and the limits; ten minutes")
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
 
     p = add(
         actions, "stability", bench_stability, "where methods fail, and whether they say so; 15 min"
     )
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p = add(actions, "chart", bench_chart, "accuracy against time beside the peers; minutes")
-    p.add_argument("--out", metavar="DIR", type=Path, required=True, help="made if not there")
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--network", metavar="FILE", type=Path, action="append", default=[],
         help=".safetensors of one more network to chart; may be given several times",
@@ -707,7 +711,7 @@ def _parser():
     p = add(commands, "reproduce", reproduce, "one of the paper's results, on scenes of our own")
     p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
     p.add_argument(
-        "--out", metavar="DIR", type=Path, default=Path("reproduce"), help="default: reproduce"
+        "--out", metavar="DIR", type=_folder, default=Path("reproduce"), help="default: reproduce"
     )
     p.add_argument("--full", action="store_true", help="the published size; hours")
 
@@ -753,6 +757,12 @@ def _integer(low, high):
     return parse
 
 
+def _folder(text):
+    if not text:
+        raise argparse.ArgumentTypeError("need the name of a folder; . is the current one")
+    return Path(text)
+
+
 def _count(text):
     return text if text == "auto" else _integer(1, 10)(text)
 
@@ -780,8 +790,8 @@ def _netd(text):
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 <= value < 100:
-        raise argparse.ArgumentTypeError(f"need a temperature from 0 to below 100 K, got {text!r}")
+    if not 0 <= value <= MAX_NETD_K:
+        raise argparse.ArgumentTypeError(f"need 0 to {MAX_NETD_K:g} K, got {text!r}")
     return value
 
 

@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
+from physics.array_file import BROKEN_NPY, BROKEN_NPZ
 from physics.errors import InputError
 
-from .cube_io import BROKEN_NPY, BROKEN_NPZ, unpacked
+from .cube_io import unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat

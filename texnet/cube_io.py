@@ -17,16 +17,14 @@ import io
 import os
 import re
 import zipfile
-import zlib
 from contextlib import contextmanager, redirect_stdout
 from decimal import Decimal
 from pathlib import Path
-from tokenize import TokenError
 
 import numpy as np
 
 from physics import scratch
-from physics.array_file import save_arrays
+from physics.array_file import BROKEN_NPZ, save_arrays
 from physics.errors import InputError
 from physics.heat_cube import HeatCube
 from physics.whole_file import check_writable, whole_file
@@ -44,8 +42,6 @@ UNITS = "W.m^-2.sr^-1"
 PER_UM = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
 READ_BYTES = 1 << 26  # at once
 BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k")
-BROKEN_NPY = (ValueError, TypeError, OverflowError, SyntaxError, RuntimeError, TokenError)
-BROKEN_NPZ = (*BROKEN_NPY, OSError, EOFError, zipfile.BadZipFile, zlib.error)
 SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
 
 
@@ -65,7 +61,10 @@ def read_cube(path):
         raise InputError(f"cube: {path} is a folder, not a cube.")
     if not os.access(path, os.R_OK):
         raise InputError(f"cube: {path} may not be read; check its permissions.")
-    return read(path)
+    try:
+        return read(path)
+    except UnicodeDecodeError as e:  # some only when looked at
+        raise InputError(f"cube: {path} holds names or attributes that are not UTF-8.") from e
 
 
 def write_cube(cube, path):
@@ -76,10 +75,11 @@ def write_cube(cube, path):
         write(cube, part)
 
 
-def check_cube_path(path):
-    """Raise InputError, before the work, if no cube could be written at path."""
+def check_cube_path(path, *inputs):
+    """Raise InputError, before the work, if no cube could be written at path, or if it is one of
+    inputs, paths or None that are read."""
     _format(Path(path))
-    check_writable(path)
+    check_writable(path, *inputs)
 
 
 def channel_name(wavelength_um):
@@ -203,6 +203,8 @@ def _read_exr(path):
     try:
         with _quiet_library(), OpenEXR.File(str(path), header_only=True) as file:
             header = dict(file.header())
+    except UnicodeDecodeError:
+        raise
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:
         raise InputError(f"cube: {path} is not a whole OpenEXR file.") from e
 

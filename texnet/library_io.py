@@ -362,7 +362,7 @@ def _within_0_and_1(e, names):
     """e clipped to 0..1 where it is off by no more than CLIP, and words on that."""
     excess = np.maximum(e - 1, -e)
     worst = np.nan_to_num(excess, nan=np.inf).max(axis=1)
-    if worst.max() > CLIP:
+    if worst.max() > CLIP + 1e-9:  # 1.02 - 1 is more than 0.02
         i = int(np.argmax(worst))
         raise InputError(
             f"library: emissivity of {names[i]} spans {e[i].min():g} to {e[i].max():g}; "

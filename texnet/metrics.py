@@ -34,17 +34,17 @@ def evaluate(decomposition, truth):
     accuracy_answered       material accuracy of the others
 
     Bands that the decomposition left out do not count. NaN where there is nothing to compare.
-    Raises InputError if the sizes differ.
+    Raises InputError if sizes or bands differ.
     """
     d = decomposition
     texture = truth.texture
-    if len(d.texture) < len(texture):
-        used = np.isclose(truth.wavelength_um[:, None], d.wavelength_um, rtol=0, atol=1e-4)
+    used = np.isclose(truth.wavelength_um[:, None], d.wavelength_um, rtol=0, atol=1e-4)
+    if not used.any(axis=1).all():
         texture = texture[used.any(axis=1)]
     if d.texture.shape != texture.shape:
         raise InputError(
             f"metrics: the cube has {d.texture.shape} bands, height, width "
-            f"but its truth {truth.texture.shape}."
+            f"but its truth {texture.shape} at these bands."
         )
     ground = non_sky(truth)
     predicted, true = _matched(d, truth)

@@ -22,6 +22,7 @@ from physics.whole_file import check_writable
 from .figures import comparison_figure, maps_figure
 from .vision import tex_vision
 
+FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr")
 NPZ_KEYS = (
     "temperature_k", "material", "material_names", "thermal_lighting", "environment", "texture",
     "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
@@ -29,13 +30,17 @@ NPZ_KEYS = (
 )  # fmt: skip
 
 
-def check_directory(directory):
-    """Raise InputError, before the work, if no folder could be made or written there."""
+def check_directory(directory, *inputs):
+    """Raise InputError, before the work, if no folder could be made or written there.
+
+    inputs  what is read, paths or None: none of the files may be written over it
+    """
     directory = Path(directory)
     if directory.exists() and not directory.is_dir():
         raise InputError(f"cannot write into {directory}: it is a file, not a folder.")
     if directory.is_dir():
-        check_writable(directory / "decomposition.npz")
+        for name in FILES:
+            check_writable(directory / name, *inputs)
     else:
         check_writable(directory)
 

@@ -26,6 +26,7 @@ from . import glance
 
 METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
+MAX_SEED = 2**32 - 1  # of scikit-learn
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +99,14 @@ def decompose(
                  export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
-    Raises InputError where the library does not cover the bands, or method or k are wrong.
+    Raises InputError where the library does not cover the bands, or method, k or seed are wrong.
     """
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
-    if k != "auto" and not 1 <= k <= MAX_K:
-        raise InputError(f"decompose: k must be 1..{MAX_K} or auto, got {k}.")
+    if not (_whole(k, 1, MAX_K) or isinstance(k, str) and k == "auto"):
+        raise InputError(f"decompose: k must be a whole number 1..{MAX_K} or auto, got {k!r}.")
+    if not _whole(seed, 0, MAX_SEED):
+        raise InputError(f"decompose: seed must be a whole number 0..{MAX_SEED}, got {seed!r}.")
     library = library or MaterialLibrary.starter()
     seconds, clock = {}, time.perf_counter()
 
@@ -158,3 +161,8 @@ def decompose(
         wavelength_um=cube.wavelength_um, hue_deg=library.hue_deg, netd_k=cube.netd_k,
         left_out=left_out, objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
+
+
+def _whole(value, low, high):
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return whole and low <= value <= high

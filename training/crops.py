@@ -9,6 +9,7 @@ import torch
 from torch.utils.data import Dataset
 
 from physics.bad_bands import without_bad_bands
+from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
@@ -21,7 +22,7 @@ class Crops(Dataset):
     at most side x side pixels.
 
     The Sample has `known` and `radiance`; the rest, truth, is None. Raises InputError where
-    the library does not cover a cube's bands.
+    the library does not cover a cube's bands, or a cube is a single pixel.
     """
 
     def __init__(self, cubes, library, seed, side):
@@ -29,6 +30,11 @@ class Crops(Dataset):
         for cube in cubes:
             cube = without_bad_bands(cube)[0].with_netd()
             most = min(OBJECTS[1], cube.shape[0] * cube.shape[1])
+            if most < OBJECTS[0]:
+                raise InputError(
+                    f"finetune: a cube of {most} pixel is too small to learn from; it needs "
+                    f"{OBJECTS[0]} or more."
+                )
             known = []
             for k in range(OBJECTS[0], most + 1):
                 arrays = known_arrays(cube, library, estimate_environment(cube, library, k))

@@ -12,6 +12,8 @@ import trimesh
 from ..errors import InputError
 from ..sky import Atmosphere
 
+MAX_M = 1e9  # from the origin: rays are traced in 32 bits
+
 
 @dataclass(frozen=True, eq=False)
 class SceneObject:
@@ -38,8 +40,13 @@ class SceneObject:
         n = len(self.mesh.vertices)
         if n == 0 or len(self.mesh.faces) == 0:
             raise InputError(f"scene: object {label!r} has no triangles.")
-        if not np.isfinite(self.mesh.vertices).all():
-            raise InputError(f"scene: object {label!r} has vertices that are not finite.")
+        if not (np.abs(self.mesh.vertices) <= MAX_M).all():
+            raise InputError(
+                f"scene: object {label!r} has vertices that are not finite or lie beyond "
+                f"{MAX_M:g} m."
+            )
+        if self.mesh.faces.min() < 0 or self.mesh.faces.max() >= n:
+            raise InputError(f"scene: object {label!r} has triangles of vertices it does not have.")
         if not 0 <= self.mirror <= 1:
             raise InputError(f"scene: object {label!r} needs mirror 0-1, got {self.mirror}.")
         t = np.asarray(self.temperature_k, dtype=np.float64)
@@ -65,6 +72,8 @@ class Camera:
         p, t = np.asarray(self.position, float), np.asarray(self.target, float)
         if p.shape != (3,) or t.shape != (3,) or not np.isfinite([p, t]).all():
             raise InputError("scene: camera position and target must be three finite numbers each.")
+        if np.abs([p, t]).max() > MAX_M:
+            raise InputError(f"scene: camera position and target must lie within {MAX_M:g} m.")
         forward = t - p
         if np.linalg.norm(np.cross(forward, [0, 0, 1])) < 1e-6 * max(1.0, np.linalg.norm(forward)):
             raise InputError("scene: the camera must not look straight up or down, or at itself.")

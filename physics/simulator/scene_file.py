@@ -22,6 +22,8 @@ temperature_k  K: a number; one for each vertex; or {"mean_k": 290, "gradient_k_
 """
 
 import json
+import reprlib
+import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -109,8 +111,8 @@ def _numbers(value, n, what):
     values = [value] if n is None else value
     good = isinstance(values, list) and len(values) == (n or 1)
     good = good and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
-    if not good or not np.isfinite(values).all():
-        raise InputError(f"scene: {what} must be {wanted}, got {value!r}.")
+    if not good or not all(abs(v) <= sys.float_info.max for v in values):  # an int may be larger
+        raise InputError(f"scene: {what} must be {wanted}, got {reprlib.repr(value)}.")
     return float(value) if n is None else tuple(float(v) for v in value)
 
 
@@ -151,7 +153,7 @@ def _mesh(data, label, folder):
         if not isinstance(m, trimesh.Trimesh) or len(m.faces) == 0:
             raise InputError(f"scene: {label}: {file} holds no triangles.")
         return m
-    if not isinstance(data, dict) or data.get("shape") not in SHAPES:
+    if not isinstance(data, dict) or data.get("shape") not in tuple(SHAPES):
         shapes = ", ".join(SHAPES)
         raise InputError(f"scene: {label}: mesh must be a file or have a shape out of {shapes}.")
     dimensions, make = SHAPES[data["shape"]]

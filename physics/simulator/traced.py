@@ -18,7 +18,7 @@ import numpy as np
 
 from ..array_file import load_arrays, save_arrays
 from ..errors import InputError
-from ..heat_cube import HeatCube
+from ..heat_cube import MAX_NETD_K, HeatCube
 from ..library import SKY as SKY_NAME
 from ..planck import radiance
 from ..sky import Atmosphere
@@ -78,8 +78,8 @@ class TracedScene:
 
         Raises InputError where the library, the names and the bands do not fit together.
         """
-        if not 0 <= netd_k < 100:
-            raise InputError(f"simulate: NETD must be at least 0 and below 100 K, got {netd_k}.")
+        if not 0 <= netd_k <= MAX_NETD_K:
+            raise InputError(f"simulate: NETD must be 0 to {MAX_NETD_K:g} K, got {netd_k}.")
         bands = Bands.of(wavelength_um, fwhm_um)
         emissivity = library.at(bands.fine_um)
         kind = self._kinds(library, materials)

@@ -1,0 +1,70 @@
+"""A file is written whole or not at all, where its links lead, and never over what is read."""
+
+import os
+
+import pytest
+
+from physics import InputError
+from physics.whole_file import check_writable, whole_file
+
+
+def write(path, text):
+    with whole_file(path) as part:
+        part.write_text(text)
+
+
+def test_all_or_nothing(tmp_path):
+    file = tmp_path / "a.json"
+    file.write_text("old")
+    with pytest.raises(KeyboardInterrupt), whole_file(file) as part:
+        part.write_text("half")
+        raise KeyboardInterrupt
+    assert file.read_text() == "old"
+    write(file, "new")
+    assert file.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_link_stays_one_and_its_target_is_written(tmp_path):
+    (tmp_path / "deep").mkdir()
+    target, link, longer = tmp_path / "deep" / "data", tmp_path / "a.json", tmp_path / "b.json"
+    link.symlink_to("deep/data")
+    longer.symlink_to("a.json")
+    for path in (link, longer):  # first to where nothing is yet
+        write(path, path.name)
+        assert link.is_symlink() and longer.is_symlink()
+        assert target.read_text() == path.name
+    assert list(target.parent.iterdir()) == [target]
+
+
+def refuse(path, *inputs):
+    with pytest.raises(InputError) as error:
+        check_writable(path, *inputs)
+    return str(error.value)
+
+
+def test_what_is_no_regular_file_is_refused_and_stays(tmp_path):
+    pipe, link, circle = (tmp_path / name for name in ("pipe", "link.json", "circle"))
+    os.mkfifo(pipe)
+    link.symlink_to(pipe)
+    circle.symlink_to(circle)
+    for path in (pipe, link, circle):
+        assert "no regular file" in refuse(path)
+        with pytest.raises(InputError):
+            write(path, "x")
+    assert pipe.is_fifo() and link.is_symlink() and circle.is_symlink()
+    link.unlink()
+    link.symlink_to(tmp_path / "gone" / "file")
+    assert "there is no folder" in refuse(link)
+
+
+def test_what_is_read_is_not_written_over(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    read, other, link = (tmp_path / name for name in ("read", "other", "link"))
+    read.write_text("precious")
+    other.write_text("old")
+    link.symlink_to(read)
+    for out, of in ((read, read), (link, read), (read, link), ("read", read), (read, "./read")):
+        assert "reads it" in refuse(out, None, other, of)
+    check_writable(other, None, read, link, tmp_path / "gone")
+    check_writable(tmp_path / "new", read, tmp_path / "new")
