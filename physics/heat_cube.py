@@ -9,7 +9,7 @@ from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
 from .planck import radiance as planck_radiance
 
-MIN_TYPICAL_K, MAX_TYPICAL_K = 160.0, 1000.0  # beyond them the units are wrong, not the scene
+MAX_TYPICAL_K = 1000.0  # beyond it the units are wrong, not the scene hot
 MAX_NETD_K = 10.0  # beyond it, it is in mK
 MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
@@ -96,11 +96,6 @@ class HeatCube:
             raise InputError(
                 f"cube: half of it looks hotter than {typical_k:.0f} K; give radiance in "
                 "W m-2 sr-1 um-1 (1 microflick is 0.01 of it)."
-            )
-        if typical_k < MIN_TYPICAL_K:
-            raise InputError(
-                f"cube: half of it looks colder than {typical_k:.0f} K; give radiance in "
-                "W m-2 sr-1 um-1 (1 W m-2 sr-1 per cm-1 is 1e4 / wavelength^2 of it, in um)."
             )
         for band, limit in zip(scratch.parts(s), planck_radiance(w, MAX_K), strict=True):
             hot = (band > limit) & np.isfinite(band)

@@ -414,12 +414,6 @@ def test_what_one_material_leaves_out_the_others_keep(tmp_path):
     assert library.descriptions == ("", "measured")
 
 
-def test_radiance_per_wavenumber_is_noticed():
-    w = np.array([9.0, 10.0, 11.0])[:, None, None]
-    s = radiance(w, 290.0) * np.ones((3, 2, 2))
-    assert "per cm-1" in sentence(HeatCube, s * w**2 / 1e4, w.ravel())
-
-
 def test_a_dead_pixel_is_named_and_a_dead_band_is_not_refused():
     w = np.array([9.0, 10.0, 11.0])
     s = np.tile(radiance(w, 290.0)[:, None, None], (1, 4, 5))
