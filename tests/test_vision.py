@@ -75,6 +75,14 @@ def test_the_sky_is_paler_and_brighter_than_the_ground(answer):
     assert hsv[~sky, 1].mean() > hsv[sky, 1].mean() and hsv[~sky, 2].mean() < hsv[sky, 2].mean()
 
 
+def test_the_sky_is_even_whatever_may_stand_before_it(answer):
+    rng = np.random.default_rng(0)
+    sky = np.asarray(answer.material_names)[answer.material] == "sky"
+    answer.sky_texture = rng.uniform(0, 10, sky.shape) * rng.integers(0, 2, sky.shape)
+    answer.temperature_k = rng.uniform(200, 400, sky.shape)
+    assert len(np.unique(tex_vision(answer)[sky], axis=0)) == 1
+
+
 def test_one_hot_pixel_does_not_wash_out_the_rest(answer):
     d = ground_only(answer)
     d.sky_texture = ramp(d, 0.5, 3.0)

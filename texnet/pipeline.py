@@ -32,13 +32,14 @@ MAX_K = 10
 class Decomposition:
     """TeX and how sure it is. Maps are (height, width).
 
-    temperature_k         K; for sky pixels that of what stands before the sky, if any, or the air's
+    temperature_k         K; of sky pixels, as V, X and sky_texture, that of what may stand before
+                          the sky, as a leaf's edge does; the air's where only sky is seen
     material              int16, index into material_names
     thermal_lighting      V (k, height, width), summing to 1; zero where only sky is seen
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
     texture               X (bands, height, width) W m-2 sr-1 um-1, zero there
-    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean);
-                          the residual where the environment has no sky
+    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean), zero
+                          there; the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
