@@ -13,6 +13,7 @@ import pytest
 import texnet.cli
 from physics import MaterialLibrary
 from physics.truth import Truth
+from texnet.band_file import write_bands
 from texnet.cli import main
 from texnet.cube_io import read_cube, write_cube
 
@@ -178,12 +179,16 @@ def test_bands_then_simulate(capfd, tmp_path):
     assert code == 0, err
     made = last_json(out)
     assert made["designed"]["loss"] <= made["equidistant"]["loss"]
+    assert "sigma of T: the least error" in out and "NETD is lower" in out
     code, out, err = run(
         capfd, "simulate", "forest", "--bands", file, "--out", cube, "--size", "8x9", "--spp", 2
     )
     assert code == 0, err
     np.testing.assert_allclose(read_cube(cube).wavelength_um, made["designed"]["wavelength_um"])
     np.testing.assert_allclose(read_cube(cube).fwhm_um, made["designed"]["fwhm_um"])
+
+    write_bands(file, np.array([10.299999999999994, 11.0]), np.full(2, 0.6000000000000001))
+    assert json.loads(file.read_text()) == {"wavelength_um": [10.3, 11], "fwhm_um": [0.6, 0.6]}
 
     simulate = ("simulate", "forest", "--out", cube, "--bands")
     assert "cannot read" in refused(capfd, *simulate, tmp_path / "gone.json")

@@ -154,6 +154,10 @@ def bands(args):
         f"{1e3 * f.netd_k:9.0f}"
         for name, f in (("these", best), (f"{args.n} side by side", equidistant))
     ]
+    lines += [
+        "material: what stays unknown of it; sigma of T: the least error; loss: what stays unknown",
+        "of both; less is better. A wider filter lets in more light, so its NETD is lower.",
+    ]
     if args.out is not None:
         lines.append(f"{args.out}: for simulate --bands, with --netd {best.netd_k:.3g}.")
     return "\n".join(lines), {
@@ -630,8 +634,8 @@ def _parser():
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
         "--method", choices=("local", "sgd", "net", "net+sgd"),
-        help="the network's proposal refined (default), or alone; or without a network: each "
-        "pixel by itself, or semi-global",
+        help="local: each pixel by itself; sgd: local, smoothed over neighbours; net: the network "
+        "alone; net+sgd: the network, refined (default)",
     )  # fmt: skip
     p.add_argument(
         "--budget", metavar="S", type=_seconds,

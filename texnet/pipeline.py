@@ -32,14 +32,14 @@ MAX_K = 10
 class Decomposition:
     """TeX and how sure it is. Maps are (height, width).
 
-    temperature_k         K; of sky pixels, as V, X and sky_texture, that of what may stand before
-                          the sky, as a leaf's edge does; the air's where only sky is seen
+    temperature_k         K; of sky pixels that of what may stand before the sky, or the air's
     material              int16, index into material_names
-    thermal_lighting      V (k, height, width), summing to 1; zero where only sky is seen
+    thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
+                          net+sgd, where it may be, that of what stands before the sky
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
-    texture               X (bands, height, width) W m-2 sr-1 um-1, zero there
-    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean), zero
-                          there; the residual where the environment has no sky
+    texture               X (bands, height, width) W m-2 sr-1 um-1, of sky pixels likewise
+    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),
+                          likewise; the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
