@@ -33,7 +33,8 @@ class MaterialLibrary:
     names          unique names, one per material; "sky" stands for the sky
     wavelength_um  (n,) in um, ascending
     emissivity     (materials, n) hemispherical emissivity, 0..1
-    hue_deg        (materials,) TeX-vision hue, 0..360; as `fill_hues` if not given
+    hue_deg        (materials,) TeX-vision hue, 0..360; if not given, the starter library's of that
+                   name, else one between the others
     albedo_rgb     (materials, 3) reflectance in visible light, 0..1; 0.4 if not given
     descriptions   per material: sources and modelling choices; may be empty strings
 
@@ -66,7 +67,7 @@ class MaterialLibrary:
             raise InputError(
                 f"library: emissivity of {names[int(np.argmax(bad))]} leaves 0..1 or is not finite."
             )
-        hue = fill_hues(names, [None] * m) if self.hue_deg is None else self.hue_deg
+        hue = _fill_hues(names, [None] * m) if self.hue_deg is None else self.hue_deg
         hue = np.array(hue, float)
         rgb = np.array([GREY] * m if self.albedo_rgb is None else self.albedo_rgb, float)
         text = ("",) * m if self.descriptions is None else tuple(self.descriptions)
@@ -154,7 +155,7 @@ class MaterialLibrary:
             rows = data["materials"]
             return MaterialLibrary(
                 [r["name"] for r in rows], data["wavelength_um"], [r["emissivity"] for r in rows],
-                fill_hues([r["name"] for r in rows], [r.get("hue_deg") for r in rows]),
+                _fill_hues([r["name"] for r in rows], [r.get("hue_deg") for r in rows]),
                 [r.get("albedo_rgb", GREY) for r in rows],
                 [r.get("description", "") for r in rows],
             )  # fmt: skip
@@ -174,12 +175,9 @@ class MaterialLibrary:
         return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)
 
 
-def fill_hues(names, hue_deg):
-    """Hues of all names (n,), degrees, where hue_deg holds None for some.
-
-    Those are the starter library's, of names that it holds; the others lie in the gaps that the
-    hues so far leave on the circle, spread as evenly as these allow.
-    """
+def _fill_hues(names, hue_deg):
+    """Hues (n,) of all names, where hue_deg holds None for some: the starter library's, of names
+    that it holds, and for the others hues between."""
     hues = list(hue_deg)
     if None not in hues:
         return np.array(hues, float)
@@ -188,16 +186,17 @@ def fill_hues(names, hue_deg):
         if hues[i] is None and name in starter.names:
             hues[i] = starter.hue_deg[starter.index(name)]
     missing = [i for i, hue in enumerate(hues) if hue is None]
-    taken = np.sort(np.array([hue for hue in hues if hue is not None], float) % 360)
-    for i, hue in zip(missing, _between(taken, len(missing)), strict=True):
+    between = hues_between([hue for hue in hues if hue is not None], len(missing))
+    for i, hue in zip(missing, between, strict=True):
         hues[i] = hue
     return np.array(hues, float)
 
 
-def _between(taken, n):
-    """n hues in the gaps between those taken (ascending), always one more in the widest part."""
+def hues_between(taken, n):
+    """n hues, degrees, in the gaps that those taken leave on the circle, as even as these allow."""
     if not len(taken):
-        return np.arange(n) * 360.0 / n
+        return list(np.arange(n) * 360.0 / n)
+    taken = np.sort(np.array(taken, float) % 360)
     gaps = np.diff(taken, append=taken[0] + 360)
     inside = np.zeros(len(gaps), int)
     for _ in range(n):

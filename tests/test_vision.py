@@ -238,6 +238,9 @@ def test_a_room_has_no_texture_correlation(drawn):
         for title in titles(drawn(texnet.figures.comparison_figure, d, cube, t))
     )
     assert count(truth) == 4 and count(None) == 0
+    d.sky = ()
+    maps = titles(drawn(texnet.figures.maps_figure, d, truth))
+    assert maps.count("estimate - truth") == 2 and "largest lighting factor V" in maps
     room = SimpleNamespace(**vars(truth) | {"sky_texture": np.zeros_like(truth.sky_texture)})
     assert count(room) == 0
     assert np.isnan(list(baseline_correlations(cube, room).values())).all()

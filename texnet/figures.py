@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from physics import scratch
-from physics.library import fill_hues
+from physics.library import hues_between
 from physics.whole_file import whole_file
 
 from .baselines import clahe, panchromatic, principal_components
@@ -23,7 +23,7 @@ TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
 RADIANCE = "W/m²/sr/µm"
 LEAST_SHARE, MOST_NAMES = 0.001, 16  # of the pixels, and of materials in a legend
-LETTER_INCHES = 0.07  # of a legend's text
+LETTER_INCHES, LINE_INCHES = 0.067, 0.19  # of a legend's text
 
 
 def maps_figure(decomposition, truth, path):
@@ -32,7 +32,8 @@ def maps_figure(decomposition, truth, path):
     truth  a Truth: its maps and the errors follow in a second and third row; None: without
 
     Sky pixels have no temperature and no texture; there the maps are blank. Materials are not
-    compared where the library holds none of the truth's names.
+    compared where the library holds none of the truth's names, nor the sky's light where the
+    answer has no sky.
     """
     d, ground, hues = decomposition, non_sky(decomposition), _hues(decomposition, truth)
     fields = [  # title, colour map, picture
@@ -53,7 +54,8 @@ def maps_figure(decomposition, truth, path):
             _show(ax, title, cmap, picture, _span(picture))
     else:
         seen = non_sky(truth)
-        true = [truth.temperature_k, truth.sky_view, _band_mean(truth.texture), truth.sky_texture]
+        by_sky = (truth.sky_view, truth.sky_texture) if d.sky else (None, None)
+        true = [truth.temperature_k, by_sky[0], _band_mean(truth.texture), by_sky[1]]
         fig, axes = _panels(3, 6, d.residual.shape)
         _show_materials(axes[0, 0], "material", d, hues)
         _show_materials(axes[1, 0], "truth", truth, hues)
@@ -64,7 +66,7 @@ def maps_figure(decomposition, truth, path):
             wrong = _names(d) != _names(truth)
             _show(axes[2, 0], f"wrong ({100 * wrong.mean():.1f} %, white)", "gray", wrong, (0, 1))
         for column, field, t in zip(axes.T[1:5], fields, true, strict=True):
-            _compare(column, *field, _on(seen, t))
+            _compare(column, *field, None if t is None else _on(seen, t))
         for ax, (title, cmap, picture) in zip(axes[:, 5], own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
     _name_hues(fig, hues, d, truth)
@@ -158,6 +160,11 @@ def _span(*pictures):
 
 
 def _compare(column, title, cmap, estimate, truth):
+    if truth is None:
+        _show(column[0], title, cmap, estimate, _span(estimate))
+        for ax in column[1:]:
+            ax.set_axis_off()
+        return
     span = _span(estimate, truth)
     _show(column[0], title, cmap, estimate, span)
     _show(column[1], "truth", cmap, truth, span)
@@ -174,7 +181,7 @@ def _panels(rows, columns, shape, bar=0.5, title=0.4):
     """Figure and axes for pictures of this shape, bar inches beside and title inches over each."""
     # A figure of our own instead of pyplot's: no global state, no display, no leak.
     height = PANEL_INCHES * min(max(shape[0] / shape[1], 0.4), 2.0)
-    size = (columns * (PANEL_INCHES + bar), rows * (height + title) + 0.4)
+    size = (columns * (PANEL_INCHES + bar), rows * (height + title))
     fig = Figure(figsize=size, layout="constrained", dpi=DPI)
     fig.get_layout_engine().set(h_pad=0.08, w_pad=0.04)
     return fig, fig.subplots(rows, columns, squeeze=False)
@@ -196,31 +203,36 @@ def _show(ax, title, cmap, picture, span):
 
 
 def _hues(d, truth=None):
-    """{name: TeX-vision hue} of the library's materials and of the truth's that it lacks."""
-    hues = dict(zip(d.material_names, d.hue_deg, strict=True))
-    names = list(dict.fromkeys([*hues, *(() if truth is None else truth.material_names)]))
-    return dict(zip(names, fill_hues(names, [hues.get(n) for n in names]), strict=True))
+    """{name: hue} of the materials in view; those that the library lacks lie between the others."""
+    of_library = dict(zip(d.material_names, d.hue_deg, strict=True))
+    hues = {n: of_library[n] for n in names_in_view(d)}
+    if truth is not None:
+        lacking = names_lacking(d, truth)[0]
+        hues |= {n: of_library[n] for n in names_in_view(truth) if n in of_library}
+        hues |= zip(lacking, hues_between(list(hues.values()), len(lacking)), strict=True)
+    return hues
 
 
 def _show_materials(ax, title, answer, hues):
     _bare(ax, title)
-    colours = np.array([_colour(hues[n]) for n in answer.material_names])
+    colours = np.array([_colour(hues.get(n, 0.0)) for n in answer.material_names])
     ax.imshow(colours[answer.material], interpolation="nearest")
 
 
 def _name_hues(fig, hues, d, truth=None):
-    """One legend below all panels; what the truth alone may hold is marked so."""
+    """One legend below all panels; what the library lacks and the truth holds is marked so."""
     labels = {n: n for n in names_in_view(d, LEAST_SHARE)}
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
-        labels |= {
-            n: f"{n} (truth)" if n in lacking else n for n in names_in_view(truth, LEAST_SHARE)
-        }
+        there = names_in_view(truth, LEAST_SHARE)
+        labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
     names = list(labels)[:MOST_NAMES]
-    wide = LETTER_INCHES * (max((len(labels[n]) for n in names), default=0) + 7)
+    wide = LETTER_INCHES * (max((len(labels[n]) for n in names), default=0) + 4)
+    rows = -(-len(names) // max(1, int(fig.get_figwidth() / wide)))
+    fig.set_figheight(fig.get_figheight() + (rows + 1) * LINE_INCHES)
     fig.legend(
         handles=[Patch(color=_colour(hues[n]), label=labels[n]) for n in names], fontsize=SMALL,
-        ncols=max(1, int(fig.get_figwidth() / wide)), columnspacing=1.0, handlelength=1.2,
+        ncols=-(-len(names) // max(1, rows)), columnspacing=1.0, handlelength=1.2,
         loc="outside lower center", frameon=False,
     )  # fmt: skip
 
