@@ -23,6 +23,7 @@ from physics.known import known_arrays
 from physics.library import MaterialLibrary
 
 from . import glance
+from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
@@ -125,7 +126,8 @@ def decompose(
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
 
-        k = supported_count(cube, library, seed)
+        with compiling(progress):
+            k = supported_count(cube, library, seed)
         lap("k")
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
@@ -152,7 +154,8 @@ def decompose(
             return solve(part, held, environment, smooth, report, lap)
 
         look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
-        maps = glance.answer(run, look, cube, len(library))
+        with compiling(progress):
+            maps = glance.answer(run, look, cube, len(library))
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
