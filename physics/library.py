@@ -6,8 +6,9 @@ A library file is JSON:
      "materials": [{"name": "water", "emissivity": [...], "hue_deg": 210,
                     "albedo_rgb": [r, g, b], "description": "..."}, ...]}
 
-`hue_deg`, `albedo_rgb` and `description` may be left out of any material. The sky is the material
-named "sky"; its curve is 1 - transmittance of the atmosphere towards the zenith.
+`hue_deg`, `albedo_rgb` and `description` may be left out of any material; names that the starter
+library holds have its hue then. The sky is the material named "sky"; its curve is 1 - transmittance
+of the atmosphere towards the zenith.
 """
 
 import json
@@ -32,7 +33,8 @@ class MaterialLibrary:
     names          unique names, one per material; "sky" stands for the sky
     wavelength_um  (n,) in um, ascending
     emissivity     (materials, n) hemispherical emissivity, 0..1
-    hue_deg        (materials,) TeX-vision hue, 0..360; spread evenly if not given
+    hue_deg        (materials,) TeX-vision hue, 0..360; if not given, the starter library's of that
+                   name, else one between the others
     albedo_rgb     (materials, 3) reflectance in visible light, 0..1; 0.4 if not given
     descriptions   per material: sources and modelling choices; may be empty strings
 
@@ -65,7 +67,8 @@ class MaterialLibrary:
             raise InputError(
                 f"library: emissivity of {names[int(np.argmax(bad))]} leaves 0..1 or is not finite."
             )
-        hue = np.array(_hues(m) if self.hue_deg is None else self.hue_deg, float)
+        hue = _fill_hues(names, [None] * m) if self.hue_deg is None else self.hue_deg
+        hue = np.array(hue, float)
         rgb = np.array([GREY] * m if self.albedo_rgb is None else self.albedo_rgb, float)
         text = ("",) * m if self.descriptions is None else tuple(self.descriptions)
         if hue.shape != (m,) or not np.isfinite(hue).all():
@@ -140,7 +143,10 @@ class MaterialLibrary:
         except OSError as e:
             raise InputError(f"library: cannot read {path}: {e.strerror}.") from e
         except (ValueError, RecursionError) as e:
-            raise InputError(f"library: {path} is not a JSON library file ({e}).") from e
+            raise InputError(
+                f"library: {path} is not a JSON library file ({e}); texnet library import turns "
+                "a .csv, .txt or .mat library into one."
+            ) from e
         return MaterialLibrary._from_json(data, path)
 
     @staticmethod
@@ -149,7 +155,7 @@ class MaterialLibrary:
             rows = data["materials"]
             return MaterialLibrary(
                 [r["name"] for r in rows], data["wavelength_um"], [r["emissivity"] for r in rows],
-                [r.get("hue_deg", hue) for r, hue in zip(rows, _hues(len(rows)), strict=True)],
+                _fill_hues([r["name"] for r in rows], [r.get("hue_deg") for r in rows]),
                 [r.get("albedo_rgb", GREY) for r in rows],
                 [r.get("description", "") for r in rows],
             )  # fmt: skip
@@ -169,9 +175,34 @@ class MaterialLibrary:
         return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)
 
 
-def _hues(materials):
-    """Hues, spread evenly, for as many materials."""
-    return np.arange(materials) * 360.0 / materials
+def _fill_hues(names, hue_deg):
+    """Hues (n,) of all names, where hue_deg holds None for some: the starter library's, of names
+    that it holds, and for the others hues between."""
+    hues = list(hue_deg)
+    if None not in hues:
+        return np.array(hues, float)
+    starter = MaterialLibrary.starter()
+    for i, name in enumerate(names):
+        if hues[i] is None and name in starter.names:
+            hues[i] = starter.hue_deg[starter.index(name)]
+    missing = [i for i, hue in enumerate(hues) if hue is None]
+    between = hues_between([hue for hue in hues if hue is not None], len(missing))
+    for i, hue in zip(missing, between, strict=True):
+        hues[i] = hue
+    return np.array(hues, float)
+
+
+def hues_between(taken, n):
+    """n hues, degrees, in the gaps that those taken leave on the circle, as even as these allow."""
+    if not len(taken):
+        return list(np.arange(n) * 360.0 / n)
+    taken = np.sort(np.array(taken, float) % 360)
+    gaps = np.diff(taken, append=taken[0] + 360)
+    inside = np.zeros(len(gaps), int)
+    for _ in range(n):
+        inside[np.argmax(gaps / (inside + 1))] += 1
+    steps = zip(taken, gaps, inside, strict=True)
+    return [(t + g * (j + 1) / (m + 1)) % 360 for t, g, m in steps for j in range(m)]
 
 
 def write_library_file(path, wavelength_um, materials):

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import texnet.cli
-from physics import MaterialLibrary
+from physics import HeatCube, MaterialLibrary
 from physics.truth import Truth
+from texnet.band_file import write_bands
 from texnet.cli import main
 from texnet.cube_io import read_cube, write_cube
 
@@ -249,12 +250,16 @@ def test_bands_then_simulate(capfd, tmp_path):
     assert code == 0, err
     made = last_json(out)
     assert made["designed"]["loss"] <= made["equidistant"]["loss"]
+    assert "sigma of T: the least error" in out and "NETD is lower" in out
     code, out, err = run(
         capfd, "simulate", "forest", "--bands", file, "--out", cube, "--size", "8x9", "--spp", 2
     )
     assert code == 0, err
     np.testing.assert_allclose(read_cube(cube).wavelength_um, made["designed"]["wavelength_um"])
     np.testing.assert_allclose(read_cube(cube).fwhm_um, made["designed"]["fwhm_um"])
+
+    write_bands(file, np.array([10.299999999999994, 11.0]), np.full(2, 0.6000000000000001))
+    assert json.loads(file.read_text()) == {"wavelength_um": [10.3, 11], "fwhm_um": [0.6, 0.6]}
 
     simulate = ("simulate", "forest", "--out", cube, "--bands")
     assert "cannot read" in refused(capfd, *simulate, tmp_path / "gone.json")
@@ -284,6 +289,41 @@ def test_library_from_cube(capfd, tmp_path):
     assert "--materials" in refused(
         capfd, "library", "from-cube", cube, "--out", library, "--materials", 0
     )
+
+
+def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
+    truth = made_up.truth(40, 50)
+    made = made_up.cube(truth)
+    path = tmp_path / "cube.npz"
+    for netd_k, said in ((0.05, "NETD 50 mK (as stated)"), (None, "mK (estimated)")):
+        write_cube(HeatCube(made.radiance, made.wavelength_um, made.fwhm_um, netd_k), path)
+        words = ["decompose", path, "--out", tmp_path / "out", "--method", "local", "--json"]
+        code, out, _ = run(capfd, *words, "--k", 2)
+        assert code == 0 and said in out and "k = 2\n" in out and " 0 %" not in out
+        answer = last_json(out)
+        assert answer["k"] == 2 and not answer["k_chosen"]
+    code, out, _ = run(capfd, *words, "--k", "auto")
+    assert code == 0 and f"k = {last_json(out)['k']}, chosen\n" in out
+
+
+@pytest.mark.parametrize(
+    "names, said",
+    [
+        (("grass", "water", "sky", "bark"), "% of the pixels get their material\n"),
+        (("grass", "water", "sky", "log"), "get their material (the library lacks bark)"),
+        (("lawn", "sea", "sky", "log"), "materials not compared: the library lacks "),
+    ],
+)
+def test_names_that_the_library_lacks_are_named(capfd, tmp_path, cube, names, said):
+    made_up.truth(8, 9).save(cube.with_suffix(".truth.npz"))
+    e = MaterialLibrary.starter().subset(made_up.NAMES)
+    MaterialLibrary(names, e.wavelength_um, e.emissivity).save(tmp_path / "mine.json")
+    words = ["--library", tmp_path / "mine.json", "--method", "local", "--json"]
+    code, out, err = run(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
+    assert code == 0 and said in out, err
+    metrics = last_json(out)["metrics"]
+    assert (metrics["material_accuracy"] is None) == ("not compared" in said)
+    assert set(metrics["not_in_library"]) == set(made_up.NAMES) - set(names)
 
 
 def test_weights_refine_as_the_onnx_file_does(capfd, tmp_path, cube):

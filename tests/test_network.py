@@ -159,6 +159,8 @@ def test_weights_survive_the_disk(tmp_path):
     assert_same(predict(net, world.known(), world.cube), predict(again, world.known(), world.cube),
                 0)  # fmt: skip
     assert [p.name for p in tmp_path.iterdir()] == ["net.safetensors"]
+    (tmp_path / "other").touch()
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode, "others may not read it"
 
 
 def bad_files(folder):

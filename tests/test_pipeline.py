@@ -2,6 +2,7 @@
 
 import functools
 
+import numba
 import numpy as np
 import pytest
 from traced import averaged, names_of, one_thread, traced  # noqa: F401
@@ -14,6 +15,7 @@ from physics.planck import radiance
 from texnet.baselines import clahe, panchromatic, principal_components
 from texnet.metrics import texture_scores
 from texnet.pipeline import METHODS, decompose
+from texnet.progress import COMPILING, compiling
 
 LIBRARY = MaterialLibrary.starter()
 SMALL = dict(size=(20, 30), spp=8)
@@ -214,12 +216,24 @@ def test_progress_is_reported_to_the_end():
     _, cube = answer("sgd", 5, 9)
     seen = []
     decompose(cube, LIBRARY, method="sgd", progress=lambda *a: seen.append(a))
+    seen = [a for a in seen if a[2] != COMPILING]
     assert {what for *_, what in seen} == {"local", "refine"}
     assert (600, 600, "local") in seen
     assert all(0 < done <= total for done, total, _ in seen)
     seen.clear()
     decompose(cube, LIBRARY, method="net+sgd", progress=lambda *a: seen.append(a))
     assert seen[-1][0] == seen[-1][1] and {what for *_, what in seen} == {"network"}
+
+
+def test_compiling_is_announced_where_it_happens():
+    """Not where it has been done, or its result lies on disk."""
+    seen, double = [], numba.njit(lambda x: 2 * x)
+    for _ in range(2):
+        with compiling(lambda *a: seen.append(a)):
+            double(1)
+    assert seen == [(0, 1, COMPILING)]
+    with compiling(None):
+        double(1.0)
 
 
 def test_few_bands_make_it_doubt_its_materials():

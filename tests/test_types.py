@@ -409,7 +409,7 @@ def test_what_one_material_leaves_out_the_others_keep(tmp_path):
     file = tmp_path / "l.json"
     file.write_text(json.dumps({"wavelength_um": [8, 14], "materials": rows}))
     library = MaterialLibrary.load(file)
-    np.testing.assert_array_equal(library.hue_deg, [200, 180])
+    np.testing.assert_array_equal(library.hue_deg, [200, 20])
     np.testing.assert_array_equal(library.albedo_rgb, [[0.1, 0.2, 0.3], [0.4, 0.4, 0.4]])
     assert library.descriptions == ("", "measured")
 
@@ -421,3 +421,24 @@ def test_a_dead_pixel_is_named_and_a_dead_band_is_not_refused():
     assert "row 2, column 3" in sentence(HeatCube, s, w)
     s[1] = 65535
     HeatCube(s, w)
+
+
+@given(st.permutations(["sky", "water", "material_1", "material_2", "rock", "leaf"]))
+def test_known_names_keep_the_starter_s_hue_and_no_other_comes_near(names):
+    library = MaterialLibrary(names, [8, 14], np.full((6, 2), 0.9))
+    hue, starter = dict(zip(names, library.hue_deg, strict=True)), MaterialLibrary.starter()
+    for name in ("sky", "water"):
+        assert hue.pop(name) == starter.hue_deg[starter.index(name)]
+    near = np.abs((library.hue_deg[:, None] - list(hue.values()) + 180) % 360 - 180)
+    assert (np.sort(near, axis=0)[1] > 360 / 6).all()  # the next, itself being the first
+
+
+def test_hues_that_nobody_knows_are_spread_evenly():
+    library = MaterialLibrary(["a", "b", "c"], [8, 14], np.full((3, 2), 0.9))
+    np.testing.assert_array_equal(library.hue_deg, [0, 120, 240])
+
+
+def test_a_library_that_is_no_json_is_told_how_to_become_one(tmp_path):
+    file = tmp_path / "l.csv"
+    file.write_text("wavelength_um,water\n8,0.98\n14,0.95\n")
+    assert "texnet library import" in sentence(MaterialLibrary.load, file)

@@ -9,7 +9,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
+import texnet.figures
 from physics.errors import InputError
+from texnet.baselines import baseline_correlations
+from texnet.metrics import names_in_view, names_lacking
 from texnet.outputs import write_decomposition
 from texnet.stretch import stretch
 from texnet.vision import tex_vision
@@ -73,6 +76,14 @@ def test_the_sky_is_paler_and_brighter_than_the_ground(answer):
     sky = np.asarray(answer.material_names)[answer.material] == "sky"
     assert hsv[sky, 1].max() < 0.35 and hsv[sky, 2].min() > 0.8
     assert hsv[~sky, 1].mean() > hsv[sky, 1].mean() and hsv[~sky, 2].mean() < hsv[sky, 2].mean()
+
+
+def test_the_sky_is_even_whatever_may_stand_before_it(answer):
+    rng = np.random.default_rng(0)
+    sky = np.asarray(answer.material_names)[answer.material] == "sky"
+    answer.sky_texture = rng.uniform(0, 10, sky.shape) * rng.integers(0, 2, sky.shape)
+    answer.temperature_k = rng.uniform(200, 400, sky.shape)
+    assert len(np.unique(tex_vision(answer)[sky], axis=0)) == 1
 
 
 def test_one_hot_pixel_does_not_wash_out_the_rest(answer):
@@ -156,3 +167,80 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
     with pytest.raises(InputError, match="it is a file"):
         write_decomposition(made_up.perfect(truth), made_up.cube(truth), truth, tmp_path / "out")
     assert (tmp_path / "out").read_text() == "mine"
+
+
+# --- what the figures say ----------------------------------------------------------------
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Draws a figure and returns it, instead of a file."""
+    figures = []
+    monkeypatch.setattr(texnet.figures, "_save", lambda figure, _: figures.append(figure))
+
+    def draw(function, *arguments):
+        function(*arguments, None)
+        return figures[-1]
+
+    return draw
+
+
+def titles(figure):
+    return [ax.get_title() for ax in figure.axes]
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def panel(figure, title):
+    return next(ax for ax in figure.axes if ax.get_title() == title).images[0].get_array()
+
+
+def renamed(truth, **names):
+    names = tuple(names.get(n, n) for n in truth.material_names)
+    return SimpleNamespace(**vars(truth) | {"material_names": names})
+
+
+def test_legends_name_what_is_there_in_one_order(drawn):
+    truth = made_up.truth(40, 50)
+    d = made_up.perfect(truth, ("sky", "bark", "water", "grass"))
+    d.material[d.material == 1] = 0
+    d.material[0, 0] = 1  # a pixel in 2000
+    shown = legend(drawn(texnet.figures.comparison_figure, d, made_up.cube(truth), None))
+    assert shown == [n for n in names_in_view(d) if n != "bark"] and len(shown) == 3
+    assert legend(drawn(texnet.figures.maps_figure, d, truth)) == [*shown, "bark"]
+
+
+def test_names_that_the_library_lacks_are_no_errors_of_the_answer(drawn):
+    truth = made_up.truth()
+    d = made_up.perfect(truth)
+    one, all_ = renamed(truth, grass="lawn"), renamed(truth, grass="lawn", water="sea", bark="log")
+    assert names_lacking(d, truth) == ([], False)
+    assert names_lacking(d, one) == (["lawn"], False)
+    lacking, whole = names_lacking(d, all_)
+    assert set(lacking) == {"lawn", "sea", "log"} and whole
+    assert any("wrong" in t for t in titles(drawn(texnet.figures.maps_figure, d, one)))
+    figure = drawn(texnet.figures.maps_figure, d, all_)
+    said = titles(figure)
+    assert "not compared: no name shared" in said and not any("wrong" in t for t in said)
+    assert {"grass", "sky", "lawn (truth)", "sea (truth)", "log (truth)"} <= set(legend(figure))
+    colours = np.unique(panel(figure, "truth").reshape(-1, 3), axis=0)
+    apart = np.abs(colours[:, None] - colours).max(axis=2)[~np.eye(len(colours), dtype=bool)]
+    assert len(colours) == 4 and apart.min() > 0.1
+
+
+def test_a_room_has_no_texture_correlation(drawn):
+    truth = made_up.truth()
+    cube, d = made_up.cube(truth), made_up.perfect(truth)
+    count = lambda t: sum(  # noqa: E731
+        "correlation" in title
+        for title in titles(drawn(texnet.figures.comparison_figure, d, cube, t))
+    )
+    assert count(truth) == 4 and count(None) == 0
+    d.sky = ()
+    maps = titles(drawn(texnet.figures.maps_figure, d, truth))
+    assert maps.count("estimate - truth") == 2 and "largest lighting factor V" in maps
+    room = SimpleNamespace(**vars(truth) | {"sky_texture": np.zeros_like(truth.sky_texture)})
+    assert count(room) == 0
+    assert np.isnan(list(baseline_correlations(cube, room).values())).all()

@@ -23,7 +23,8 @@ def read_bands(path):
 
 
 def write_bands(path, wavelength_um, fwhm_um):
-    """Write centres and widths (bands,), um, whole or not at all."""
-    data = {"wavelength_um": list(wavelength_um), "fwhm_um": list(fwhm_um)}
+    """Write centres and widths (bands,), um, to 1e-4 um, whole or not at all."""
+    columns = {"wavelength_um": wavelength_um, "fwhm_um": fwhm_um}
+    data = {name: [round(float(w), 4) for w in column] for name, column in columns.items()}
     with whole_file(path) as part:
         part.write_text(json.dumps(data) + "\n", encoding="utf-8")

@@ -5,7 +5,7 @@ Every picture that TeX vision makes is compared with these three.
 
 import numpy as np
 
-from .metrics import correlation, non_sky
+from .metrics import texture_correlation
 from .stretch import stretch
 
 
@@ -61,10 +61,11 @@ def principal_components(cube):
 def baseline_correlations(cube, truth):
     """{baseline: magnitude of its correlation with the true sky-lit texture, non-sky}.
 
-    A baseline's sign is arbitrary, so its magnitude counts; of three components the best.
+    A baseline's sign is arbitrary, so its magnitude counts; of three components the best. NaN
+    where the truth has no such texture, as in a room.
     """
-    raw, ground = panchromatic(cube), non_sky(truth)
-    score = lambda picture: abs(correlation(picture, truth.sky_texture, ground))  # noqa: E731
+    raw = panchromatic(cube)
+    score = lambda picture: abs(texture_correlation(picture, truth))  # noqa: E731
     return {
         "panchromatic": score(raw),
         "clahe": score(clahe(raw)),

@@ -155,6 +155,10 @@ def bands(args):
         f"{1e3 * f.netd_k:9.0f}"
         for name, f in (("these", best), (f"{args.n} side by side", equidistant))
     ]
+    lines += [
+        "material: what stays unknown of it; sigma of T: the least error; loss: what stays unknown",
+        "of both; less is better. A wider filter lets in more light, so its NETD is lower.",
+    ]
     if args.out is not None:
         lines.append(f"{args.out}: for simulate --bands, with --netd {best.netd_k:.3g}.")
     return "\n".join(lines), {
@@ -410,6 +414,7 @@ def _decompose(
         from .progress import progress_bar
 
     check_directory(directory, *inputs)
+    chosen = k == "auto"
     # a budget tries all methods, and local and sgd run on the CPU alone
     runner = cache(
         lambda m: _runner(m, model, "cpu" if budget and not m.startswith("net") else device)
@@ -435,7 +440,8 @@ def _decompose(
     shares = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     result = {
         "command": "decompose", "cube": cube_path, "method": method, "k": len(d.environment),
-        "bands": cube.bands, "size": cube.shape, "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
+        "k_chosen": chosen, "bands": cube.bands, "size": cube.shape,
+        "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": shares, "sky_in_view": bool(d.sky),
@@ -461,9 +467,16 @@ def _truth(cube_path):
 
 def _metrics(d, cube, truth):
     from .baselines import baseline_correlations
-    from .metrics import evaluate
+    from .metrics import evaluate, names_lacking
 
-    return evaluate(d, truth) | {"baselines": baseline_correlations(cube, truth)}
+    metrics = evaluate(d, truth)
+    lacking, whole = names_lacking(d, truth)
+    if whole:  # by other names no material could be right
+        of_names = "material_accuracy", "mean_iou", "cross_entropy", "accuracy_answered"
+        metrics |= dict.fromkeys(of_names, math.nan)
+    return metrics | {
+        "not_in_library": lacking, "baselines": baseline_correlations(cube, truth),
+    }  # fmt: skip
 
 
 def _runner(method, model, device):
@@ -498,12 +511,16 @@ def _runner(method, model, device):
 
 def _summary(r):
     own, said = r["netd_k"], r["netd_stated_k"]
-    stated = f" ({1e3 * said:.0f} mK stated)" if said and said != own else ""
-    t, shown = r["temperature_k"], list(r["materials"].items())[:6]
+    source = "as stated" if own == said else "estimated"
+    if said and said != own:
+        source += f", {1e3 * said:.0f} mK stated"
+    t, shares = r["temperature_k"], list(r["materials"].items())
+    shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
-        f"NETD {1e3 * r['netd_k']:.0f} mK{stated}",
+        f"NETD {1e3 * own:.0f} mK ({source})",
         *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
+        f"Objects      k = {r['k']}" + (", chosen" if r["k_chosen"] else ""),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
@@ -521,10 +538,16 @@ def _summary(r):
         lines.append("Sky          none in view: texture is the residual; wrong if outdoors")
     if r["metrics"] is not None:
         m, today = r["metrics"], r["metrics"]["baselines"]
+        lacks = ", ".join(m["not_in_library"][:4]) + (", ..." if m["not_in_library"][4:] else "")
+        right = f"{100 * m['material_accuracy']:.1f} % of the pixels get their material"
+        if lacks:
+            right += f" (the library lacks {lacks})"
+        if math.isnan(m["material_accuracy"]):
+            right = f"materials not compared: the library lacks {lacks} of the truth"
         lines += [
             "Against the truth beside the cube:",
             f"             temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)",
-            f"             {100 * m['material_accuracy']:.1f} % of the pixels get their material",
+            f"             {right}",
         ]
         if math.isfinite(m["texture_correlation"]):
             lines.append(
@@ -634,8 +657,8 @@ def _parser():
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
         "--method", choices=("local", "sgd", "net", "net+sgd"),
-        help="the network's proposal refined (default), or alone; or without a network: each "
-        "pixel by itself, or semi-global",
+        help="local: each pixel by itself; sgd: local, smoothed over neighbours; net: the network "
+        "alone; net+sgd: the network, refined (default)",
     )  # fmt: skip
     p.add_argument(
         "--budget", metavar="S", type=_seconds,

@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from physics import scratch
+from physics.library import hues_between
 from physics.whole_file import whole_file
 
 from .baselines import clahe, panchromatic, principal_components
-from .metrics import correlation, non_sky
+from .metrics import names_in_view, names_lacking, non_sky, texture_correlation
 from .stretch import stretch
 from .vision import tex_vision
 
@@ -21,6 +22,8 @@ DPI = 130
 TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
 RADIANCE = "W/m²/sr/µm"
+LEAST_SHARE, MOST_NAMES = 0.001, 16  # of the pixels, and of materials in a legend
+LETTER_INCHES, LINE_INCHES = 0.067, 0.19  # of a legend's text
 
 
 def maps_figure(decomposition, truth, path):
@@ -28,9 +31,11 @@ def maps_figure(decomposition, truth, path):
 
     truth  a Truth: its maps and the errors follow in a second and third row; None: without
 
-    Sky pixels have no temperature and no texture; there the maps are blank.
+    Sky pixels have no temperature and no texture; there the maps are blank. Materials are not
+    compared where the library holds none of the truth's names, nor the sky's light where the
+    answer has no sky.
     """
-    d, ground = decomposition, non_sky(decomposition)
+    d, ground, hues = decomposition, non_sky(decomposition), _hues(decomposition, truth)
     fields = [  # title, colour map, picture
         ("temperature (K)", "magma", _on(ground, d.temperature_k)),
         _lighting(d, ground),
@@ -44,21 +49,27 @@ def maps_figure(decomposition, truth, path):
     ]
     if truth is None:
         fig, axes = _panels(2, 4, d.residual.shape)
-        _show_materials(axes[0, 0], "material", d, d)
+        _show_materials(axes[0, 0], "material", d, hues)
         for ax, (title, cmap, picture) in zip(axes.flat[1:], fields + own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
     else:
         seen = non_sky(truth)
-        true = [truth.temperature_k, truth.sky_view, _band_mean(truth.texture), truth.sky_texture]
+        by_sky = (truth.sky_view, truth.sky_texture) if d.sky else (None, None)
+        true = [truth.temperature_k, by_sky[0], _band_mean(truth.texture), by_sky[1]]
         fig, axes = _panels(3, 6, d.residual.shape)
-        _show_materials(axes[0, 0], "material", d, d)
-        _show_materials(axes[1, 0], "truth", truth, d)
-        wrong = _names(d) != _names(truth)
-        _show(axes[2, 0], f"wrong ({100 * wrong.mean():.1f} %, white)", "gray", wrong, (0, 1))
+        _show_materials(axes[0, 0], "material", d, hues)
+        _show_materials(axes[1, 0], "truth", truth, hues)
+        if names_lacking(d, truth)[1]:
+            axes[2, 0].set_axis_off()
+            axes[2, 0].set_title("not compared: no name shared", fontsize=TITLE)
+        else:
+            wrong = _names(d) != _names(truth)
+            _show(axes[2, 0], f"wrong ({100 * wrong.mean():.1f} %, white)", "gray", wrong, (0, 1))
         for column, field, t in zip(axes.T[1:5], fields, true, strict=True):
-            _compare(column, *field, _on(seen, t))
+            _compare(column, *field, None if t is None else _on(seen, t))
         for ax, (title, cmap, picture) in zip(axes[:, 5], own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
+    _name_hues(fig, hues, d, truth)
     _save(fig, path)
 
 
@@ -69,9 +80,10 @@ def _band_mean(cube):
 def comparison_figure(decomposition, cube, truth, path):
     """Draw raw thermal, CLAHE, principal components and TeX vision side by side into a png.
 
-    truth  a Truth: the visible picture follows, and under each picture its correlation with
-           the true sky-lit texture. A baseline's sign is arbitrary, so its magnitude counts,
-           of three components the best; TeX vision's sign is not. None: without
+    truth  a Truth: the visible picture follows, and over each picture its correlation with
+           the true sky-lit texture, where the scene has one. A baseline's sign is arbitrary, so
+           its magnitude counts, of three components the best; TeX vision's sign is not. None:
+           without
     """
     d = decomposition
     raw = panchromatic(cube)
@@ -80,7 +92,7 @@ def comparison_figure(decomposition, cube, truth, path):
     as_rgb = np.stack([stretch(c) for c in components], axis=-1)
 
     def match(p):
-        return 0.0 if truth is None else correlation(p, truth.sky_texture, non_sky(truth))
+        return np.nan if truth is None else texture_correlation(p, truth)
 
     pictures = [  # title, picture, its texture correlation
         ("thermal, all bands", np.repeat(stretch(raw)[..., None], 3, -1), abs(match(raw))),
@@ -88,14 +100,16 @@ def comparison_figure(decomposition, cube, truth, path):
         ("3 principal components", as_rgb, max(abs(match(c)) for c in components)),
         ("TeX vision", tex_vision(d), match(d.sky_texture)),
     ]
-    fig, axes = _panels(2, 2 if truth is None else 3, cube.shape)
+    fig, axes = _panels(2, 2 if truth is None else 3, cube.shape, bar=0.1, title=0.5)
     for ax, (title, picture, r) in zip(axes.flat, pictures, strict=False):
-        _bare(ax, title if truth is None else f"{title}\ntexture correlation {r:.2f}")
+        _bare(ax, title if np.isnan(r) else f"{title}\ntexture correlation {r:.2f}")
         ax.imshow(picture)
+    hues = _hues(d)
     if truth is not None:
         _bare(axes[1, 1], "the same by day (truth)")
         axes[1, 1].imshow(daylight_srgb(truth))
-        _show_materials(axes[1, 2], "material", d, d)
+        _show_materials(axes[1, 2], "material", d, hues)
+    _name_hues(fig, hues, d)
     _save(fig, path)
 
 
@@ -146,6 +160,11 @@ def _span(*pictures):
 
 
 def _compare(column, title, cmap, estimate, truth):
+    if truth is None:
+        _show(column[0], title, cmap, estimate, _span(estimate))
+        for ax in column[1:]:
+            ax.set_axis_off()
+        return
     span = _span(estimate, truth)
     _show(column[0], title, cmap, estimate, span)
     _show(column[1], "truth", cmap, truth, span)
@@ -158,10 +177,11 @@ def _compare(column, title, cmap, estimate, truth):
 # --- drawing -----------------------------------------------------------------------------
 
 
-def _panels(rows, columns, shape):
+def _panels(rows, columns, shape, bar=0.5, title=0.4):
+    """Figure and axes for pictures of this shape, bar inches beside and title inches over each."""
     # A figure of our own instead of pyplot's: no global state, no display, no leak.
     height = PANEL_INCHES * min(max(shape[0] / shape[1], 0.4), 2.0)
-    size = (columns * (PANEL_INCHES + 0.5), rows * (height + 0.6) + 0.6)
+    size = (columns * (PANEL_INCHES + bar), rows * (height + title))
     fig = Figure(figsize=size, layout="constrained", dpi=DPI)
     fig.get_layout_engine().set(h_pad=0.08, w_pad=0.04)
     return fig, fig.subplots(rows, columns, squeeze=False)
@@ -182,24 +202,38 @@ def _show(ax, title, cmap, picture, span):
         bar.ax.tick_params(labelsize=SMALL)
 
 
-def _show_materials(ax, title, answer, decomposition):
-    """A material map in the hues of TeX vision; materials outside the library are grey."""
+def _hues(d, truth=None):
+    """{name: hue} of the materials in view; those that the library lacks lie between the others."""
+    of_library = dict(zip(d.material_names, d.hue_deg, strict=True))
+    hues = {n: of_library[n] for n in names_in_view(d)}
+    if truth is not None:
+        lacking = names_lacking(d, truth)[0]
+        hues |= {n: of_library[n] for n in names_in_view(truth) if n in of_library}
+        hues |= zip(lacking, hues_between(list(hues.values()), len(lacking)), strict=True)
+    return hues
+
+
+def _show_materials(ax, title, answer, hues):
     _bare(ax, title)
-    hues = dict(zip(decomposition.material_names, decomposition.hue_deg, strict=True))
-    colours = {
-        name: _colour(hues[name]) if name in hues else (0.5, 0.5, 0.5)
-        for name in answer.material_names
-    }
-    ax.imshow(
-        np.array([colours[n] for n in answer.material_names])[answer.material],
-        interpolation="nearest",
-    )
-    present = np.bincount(answer.material.ravel(), minlength=len(answer.material_names))
-    named = [answer.material_names[i] for i in np.argsort(-present) if present[i]]
-    ax.legend(
-        handles=[Patch(color=colours[n], label=n) for n in named[:8]],
-        fontsize=SMALL, ncols=2, columnspacing=1.0, handlelength=1.2, loc="upper center",
-        bbox_to_anchor=(0.5, 0.0), frameon=False,
+    colours = np.array([_colour(hues.get(n, 0.0)) for n in answer.material_names])
+    ax.imshow(colours[answer.material], interpolation="nearest")
+
+
+def _name_hues(fig, hues, d, truth=None):
+    """One legend below all panels; what the library lacks and the truth holds is marked so."""
+    labels = {n: n for n in names_in_view(d, LEAST_SHARE)}
+    if truth is not None:
+        lacking = names_lacking(d, truth)[0]
+        there = names_in_view(truth, LEAST_SHARE)
+        labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
+    names = list(labels)[:MOST_NAMES]
+    wide = LETTER_INCHES * (max((len(labels[n]) for n in names), default=0) + 4)
+    rows = -(-len(names) // max(1, int(fig.get_figwidth() / wide)))
+    fig.set_figheight(fig.get_figheight() + (rows + 1) * LINE_INCHES)
+    fig.legend(
+        handles=[Patch(color=_colour(hues[n]), label=labels[n]) for n in names], fontsize=SMALL,
+        ncols=-(-len(names) // max(1, rows)), columnspacing=1.0, handlelength=1.2,
+        loc="outside lower center", frameon=False,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ def evaluate(decomposition, truth):
     """Every metric of a Decomposition against a Truth of the same scene, as floats.
 
     temperature_rmse_k, temperature_mae_k   K, non-sky
-    material_accuracy       fraction of all pixels
+    material_accuracy       fraction of all pixels; see `names_lacking`
     mean_iou                intersection over union, averaged over the materials in the truth
     cross_entropy           mean -ln p(true material), all pixels, p floored at 1e-6; a
                             material that the library lacks has p = 0
@@ -82,12 +82,12 @@ def texture_scores(picture, truth):
 
     All NaN where the truth has no such texture, as in a room.
     """
-    ground = non_sky(truth)
+    r, ground = texture_correlation(picture, truth), non_sky(truth)
+    if np.isnan(r):
+        return dict.fromkeys(("correlation", "gradient_correlation", "ssim"), r)
     picture, texture = (np.asarray(a, dtype=np.float64) for a in (picture, truth.sky_texture))
-    if not ground.any() or np.ptp(texture[ground]) == 0:
-        return dict.fromkeys(("correlation", "gradient_correlation", "ssim"), float("nan"))
     return {
-        "correlation": correlation(picture, texture, ground),
+        "correlation": r,
         "gradient_correlation": correlation(
             _differences(picture),
             _differences(texture),
@@ -97,6 +97,14 @@ def texture_scores(picture, truth):
         ),
         "ssim": _ssim(picture, texture, ground),
     }
+
+
+def texture_correlation(picture, truth):
+    """The correlation of texture_scores alone."""
+    ground = non_sky(truth)
+    if not ground.any() or np.ptp(truth.sky_texture[ground]) == 0:
+        return float("nan")
+    return correlation(picture, truth.sky_texture, ground)
 
 
 def correlation(a, b, mask):
@@ -111,6 +119,22 @@ def correlation(a, b, mask):
 def non_sky(answer):
     """(height, width) bool: pixels whose material, in a Truth or Decomposition, is not sky."""
     return np.asarray(answer.material_names)[answer.material] != SKY
+
+
+def names_lacking(decomposition, truth):
+    """(names, all): the truth's materials in view, but the sky, that the library does not have,
+    most pixels first; and whether these are all of them, so that materials cannot be compared."""
+    there = [name for name in names_in_view(truth) if name != SKY]
+    lacking = [name for name in there if name not in decomposition.material_names]
+    return lacking, bool(lacking) and len(lacking) == len(there)
+
+
+def names_in_view(answer, least=0.0):
+    """Names of a Truth's or Decomposition's materials, most pixels first, of those with more
+    than a fraction `least` of the pixels."""
+    names = answer.material_names
+    share = np.bincount(answer.material.ravel(), minlength=len(names)) / answer.material.size
+    return [names[i] for i in np.argsort(-share, kind="stable") if share[i] > least]
 
 
 def _mean(values):

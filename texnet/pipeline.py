@@ -23,6 +23,7 @@ from physics.known import known_arrays
 from physics.library import MaterialLibrary
 
 from . import glance
+from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
@@ -33,13 +34,14 @@ MAX_SEED = 2**32 - 1  # of scikit-learn
 class Decomposition:
     """TeX and how sure it is. Maps are (height, width).
 
-    temperature_k         K; for sky pixels that of what stands before the sky, if any, or the air's
+    temperature_k         K; of sky pixels that of what may stand before the sky, or the air's
     material              int16, index into material_names
-    thermal_lighting      V (k, height, width), summing to 1; zero where only sky is seen
+    thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
+                          net+sgd, where it may be, that of what stands before the sky
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
-    texture               X (bands, height, width) W m-2 sr-1 um-1, zero there
-    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean);
-                          the residual where the environment has no sky
+    texture               X (bands, height, width) W m-2 sr-1 um-1, of sky pixels likewise
+    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),
+                          likewise; the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K, doubt about m included
@@ -127,7 +129,8 @@ def decompose(
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
 
-        k = supported_count(cube, library, seed)
+        with compiling(progress):
+            k = supported_count(cube, library, seed)
         lap("k")
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
@@ -154,7 +157,8 @@ def decompose(
             return solve(part, held, environment, smooth, report, lap)
 
         look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
-        maps = glance.answer(run, look, cube, len(library))
+        with compiling(progress):
+            maps = glance.answer(run, look, cube, len(library))
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,

@@ -2,6 +2,27 @@
 
 from contextlib import contextmanager
 
+COMPILING = "compiling, for the first time only"
+
+
+@contextmanager
+def compiling(report):
+    """Report COMPILING where numba does so, which takes half a minute before it is kept on disk."""
+    if report is None:
+        yield
+        return
+    from numba.core import event
+
+    class Compiling(event.Listener):
+        def on_start(self, _):
+            report(0, 1, COMPILING)
+
+        def on_end(self, _):
+            pass
+
+    with event.install_listener("numba:compile", Compiling()):
+        yield
+
 
 @contextmanager
 def progress_bar():

@@ -14,7 +14,7 @@ from .stretch import stretch
 SATURATION = (0.25, 0.75)  # coldest to warmest; never grey, or the hue would not show
 VALUE = (0.15, 1.00)  # darkest to brightest texture; never black, for the same reason
 GAMMA = 0.8  # lifts the shadows a little, as a photograph does
-SKY_SATURATION, SKY_VALUE = 0.30, (0.85, 1.00)  # pale and bright, as a sky by day
+SKY_SATURATION, SKY_VALUE = 0.25, 0.97  # pale and bright, as a clear sky by day
 
 
 def tex_vision(decomposition):
@@ -24,18 +24,17 @@ def tex_vision(decomposition):
     saturation  temperature, 2nd to 98th percentile of the non-sky pixels -> 0.25..0.75
     value       sky-lit texture, 1st to 99th percentile of the same -> 0.15..1, gamma 0.8
 
-    Sky pixels are pale and bright; their value follows their own radiance a little.
+    The sky is evenly pale and bright: what an answer holds there is of what may stand before it.
     """
     d = decomposition
     ground = non_sky(d)
     warmth = stretch(d.temperature_k, ground, 2, 98)
     light = stretch(d.sky_texture, ground, 1, 99) ** GAMMA
-    glow = stretch(d.sky_texture, ~ground)  # a sky pixel's own radiance
     hsv = np.stack(
         [
             (np.asarray(d.hue_deg) % 360 / 360)[d.material],
             np.where(ground, _between(SATURATION, warmth), SKY_SATURATION),
-            np.where(ground, _between(VALUE, light), _between(SKY_VALUE, glow)),
+            np.where(ground, _between(VALUE, light), SKY_VALUE),
         ],
         axis=-1,
     )

@@ -3,7 +3,7 @@
 import json
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from physics.errors import InputError
 from physics.whole_file import whole_file
@@ -15,7 +15,8 @@ def save_network(network, path, history):
     """Write a TeXNet; history is a dict of plain values that says how it came about."""
     about = {"config": json.dumps(network.config), "history": json.dumps(history)}
     with whole_file(path) as part:
-        save_file({n: p.contiguous() for n, p in network.state_dict().items()}, part, about)
+        # save_file would make a file that nobody else may read
+        part.write_bytes(save({n: p.contiguous() for n, p in network.state_dict().items()}, about))
 
 
 def load_network(path):
