@@ -38,6 +38,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks import ONNX
 from benchmarks.rows import read_csv, settings, write_csv
@@ -471,10 +472,13 @@ def draw(rows, path):
             top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
             bottom.plot(at, mean("material_accuracy"), mark, color=colour)
             if method == "net+sgd":
-                top.plot(at, mean("sigma_k"), ":", color=colour, label="its sigma")
+                top.plot(at, mean("sigma_k"), ":", color=colour, label="net+sgd: sigma above, unknown below")
                 top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label="brightness T")
                 bottom.plot(at, mean("abstention"), ":", color=colour)
         top.set(yscale="log", title=name, ylabel="T error (K)")
+        top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
+        top.yaxis.set_minor_formatter(NullFormatter())
         bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="right (dots: unknown)")
         bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=8)
     handles = top.get_legend_handles_labels()
