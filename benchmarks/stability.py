@@ -472,7 +472,8 @@ def draw(rows, path):
             top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
             bottom.plot(at, mean("material_accuracy"), mark, color=colour)
             if method == "net+sgd":
-                top.plot(at, mean("sigma_k"), ":", color=colour, label="net+sgd: sigma above, unknown below")
+                dots = "net+sgd: sigma above, unknown below"
+                top.plot(at, mean("sigma_k"), ":", color=colour, label=dots)
                 top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label="brightness T")
                 bottom.plot(at, mean("abstention"), ":", color=colour)
         top.set(yscale="log", title=name, ylabel="T error (K)")
