@@ -12,7 +12,21 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares, nnls
 from traced import one_thread, traced  # noqa: F401
 
-from benchmarks.reproduce import common, distill, ghosting, sgd_flow, temperature, tex_vision
+import texnet.cli
+from benchmarks.reproduce import (
+    bands,
+    bayer,
+    common,
+    curves,
+    distill,
+    environment_count,
+    environment_method,
+    errors,
+    ghosting,
+    sgd_flow,
+    temperature,
+    tex_vision,
+)
 from benchmarks.reproduce import reproduce as make
 from physics import MaterialLibrary
 from physics.estimate import estimate_environment
@@ -259,12 +273,16 @@ def tiny(monkeypatch):
     monkeypatch.setattr(ghosting, "SIZE", SIZE)
     monkeypatch.setattr(ghosting, "SPP", 4)
     monkeypatch.setattr(tex_vision, "SCENES", ("forest",))
+    for module in (bayer, environment_method, curves):
+        small = lambda name, seed, *_: errors.traced(name, seed, SIZE, 4)  # noqa: E731
+        monkeypatch.setattr(module, "traced", small)
+        monkeypatch.setattr(module, "random_seeds", lambda n: [])
+    monkeypatch.setattr(curves, "sizes", lambda full: (SIZE, 4, 2, 0))
+    monkeypatch.setattr(bands, "BANDS", (4, 20))
+    monkeypatch.setattr(environment_count, "COUNTS", (1, 3))
 
 
-FIGURES = ("ghosting", "sgd-flow", "distill", "tex-vision", "temperature")
-
-
-@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize("figure", texnet.cli.FIGURES)
 def test_a_figure_is_a_table_and_a_picture(figure, tiny, tmp_path):
     said = []
     text, result = make(figure, tmp_path, progress=lambda *report: said.append(report))
