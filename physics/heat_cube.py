@@ -80,15 +80,15 @@ class HeatCube:
         seen = np.array([np.count_nonzero(lit(band)) for band in scratch.parts(s)])
         alive = seen > 0
         if not alive.any() or (seen[alive] < s[0].size).any():
-            counts = [
-                (np.count_nonzero(~np.isfinite(s[b])), np.count_nonzero(s[b] <= 0))
-                for b in np.flatnonzero(alive | ~alive.any())
-            ]
-            bad, dark = np.sum(counts, axis=0)
-            if bad:
-                raise InputError(f"cube: {bad} values are NaN or infinite; replace or crop them.")
+            some = np.flatnonzero(alive | ~alive.any())
+            bad = sum(np.count_nonzero(~np.isfinite(s[b])) for b in some)
+            dark = sum(np.count_nonzero(s[b] <= 0) for b in some)
+            first = next(b for b in some if not lit(s[b]).all())
+            row, column = np.argwhere(~lit(s[first]))[0]
             raise InputError(
-                f"cube: {dark} radiance values are zero or negative; check the calibration."
+                f"cube: {bad} of its values are NaN or infinite, {dark} are zero or negative, "
+                f"the first in band {first}, row {row}, column {column}; replace dead pixels by "
+                "their neighbours, or check the calibration."
             )
         some = np.quantile(np.flatnonzero(alive), [0, 0.5, 1], method="lower")
         typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])
