@@ -156,7 +156,7 @@ def _answer(scene, truth, temperature_k, material, x, picture):
     material = np.where(non_sky(truth), maps(material), scene.library.sky_index)
     return SimpleNamespace(
         temperature_k=maps(temperature_k), material=material, material_names=scene.library.names,
-        texture=maps(x), sky_texture=maps(picture),
+        wavelength_um=truth.wavelength_um, texture=maps(x), sky_texture=maps(picture),
         # they give none of these
         temperature_sigma_k=np.zeros(material.shape), unknown=np.zeros(material.shape, bool),
         material_probability=np.ones((len(scene.library), *material.shape)),

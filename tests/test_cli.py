@@ -351,6 +351,7 @@ def test_ctrl_c_while_a_package_loads(tmp_path, package):
     """trimesh, for one, goes on as if nothing had been where an import of its own is stopped."""
     code = (
         "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # in the background: ignored
         "class Interrupted:\n"
         "    def find_spec(self, name, *_):\n"
         f"        if name == {package!r}:\n"
