@@ -267,6 +267,17 @@ def test_netd_of_few_bands(bands):
     assert HeatCube(s, w).with_netd().netd_k == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.parametrize("bands", [4, 9])
+def test_netd_of_few_bands_of_a_picture_half_of_which_is_leaves(bands):
+    """What is calm tells the noise."""
+    w, rng = np.linspace(8.5, 13.5, bands), np.random.default_rng(1)
+    t = np.full((60, 60), 290.0)
+    t[:30] += rng.uniform(-10, 10, (30, 60))
+    s = radiance(w[:, None, None], t)
+    s = s + rng.normal(size=s.shape) * noise_sigma(w, 0.1)[:, None, None]
+    assert 0.09 < HeatCube(s, w).with_netd().netd_k < 0.2
+
+
 @pytest.mark.parametrize("bands", [4, 20])
 def test_netd_of_a_cube_without_noise_is_the_least(bands):
     w = np.linspace(8, 14, bands)
