@@ -62,6 +62,7 @@ def test_to_decompose_a_cube_needs_neither_torch_nor_numba(tmp_path, cube):
         (lambda a: a.update(wavelength_um=a["wavelength_um"][:-1]), "6 bands of radiance but 5"),
         (lambda a: a.update(wavelength_um=1e3 * a["wavelength_um"]), "nm or cm-1"),
         (lambda a: a.pop("radiance"), "lacks radiance"),
+        (lambda a: a.update(netd=a.pop("netd_k")), "holds netd; call it netd_k"),
     ],
 )
 def test_wrong_cubes(capfd, tmp_path, cube, change, sentence):

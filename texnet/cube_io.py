@@ -19,6 +19,7 @@ import re
 import zipfile
 from contextlib import contextmanager, redirect_stdout
 from decimal import Decimal
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,9 @@ def _read_npz(path):
             f"cube: {path} lacks {' and '.join(sorted(missing))}; "
             f"it holds {', '.join(sorted(held)) or 'nothing'}."
         )
+    for key in set(held) - {"radiance", *BESIDE_RADIANCE}:
+        if meant := get_close_matches(key, set(BESIDE_RADIANCE) - set(held), n=1):
+            raise InputError(f"cube: {path} holds {key}; call it {meant[0]}, or leave it out.")
     for key, array in arrays.items():
         _check_numbers(array.dtype, key, path)
     netd = arrays.pop("netd_k", np.array(np.nan))
