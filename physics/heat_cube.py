@@ -98,6 +98,8 @@ class HeatCube:
                 "W m-2 sr-1 um-1 (1 microflick is 0.01 of it)."
             )
         for band, limit in zip(scratch.parts(s), planck_radiance(w, MAX_K), strict=True):
+            if band.max() <= limit:  # not so with a NaN
+                continue
             hot = (band > limit) & np.isfinite(band)
             if hot.any() and not hot.all():  # a whole band may be dead, see `bad_bands`
                 row, column = np.argwhere(hot)[0]

@@ -11,7 +11,7 @@ TERMS = 5  # of the series of Planck's law in `evidence`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
 MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
-HOT_SIGMAS = 5.0  # the hottest pixel is at most so many prior deviations from the mean
+HOT_SIGMAS = 5.0  # the hottest pixel but a few is at most so many prior deviations from the mean
 # of the farthest but one in two hundred, beyond which a pixel (a fire, a defect) is left to itself:
 # what the prior must span for it would blur all others
 FAR = 1.5
@@ -40,9 +40,10 @@ def known_arrays(cube, library, environment):
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     t = scene_temperatures(cube)
     mean = np.median(t)
-    far = FAR * np.quantile(np.abs(t - mean), 0.995, method="higher")
-    off = np.abs(t - mean)[np.abs(t - mean) <= far]
-    spread = max(MIN_TEMPERATURE_SPREAD_K, t[np.abs(t - mean) <= far].std(), off.max() / HOT_SIGMAS)
+    off = np.abs(t - mean)
+    far = FAR * np.quantile(off, 0.995, method="higher")
+    near = off <= far
+    spread = max(MIN_TEMPERATURE_SPREAD_K, t[near].std(), off[near].max() / HOT_SIGMAS)
     is_sky = np.zeros(len(library))
     if library.sky_index is not None:
         is_sky[library.sky_index] = 1

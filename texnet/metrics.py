@@ -38,7 +38,7 @@ def evaluate(decomposition, truth):
     """
     d = decomposition
     texture = truth.texture
-    used = np.isclose(truth.wavelength_um[:, None], d.wavelength_um, rtol=0, atol=1e-4)
+    used = np.isclose(truth.wavelength_um[:, None], d.wavelength_um, rtol=0, atol=1e-3)
     if not used.any(axis=1).all():
         texture = texture[used.any(axis=1)]
     if d.texture.shape != texture.shape:
