@@ -40,7 +40,7 @@ import numba
 import numpy as np
 import torch
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
@@ -359,7 +359,7 @@ def exponents(rows):
 
 
 def _draw(rows, fitted, path):
-    marks = {"local": "o-", "net+sgd": "s--", "simulate": "^:"}
+    marks = {"local": "C0o-", "net+sgd": "C1s--", "simulate": "C2^:"}
     figure = Figure(figsize=(12, 3.2), layout="constrained")
     axes = figure.subplots(1, len(fitted))
     for ax, (axis, exponent) in zip(axes, fitted.items(), strict=True):
@@ -369,8 +369,11 @@ def _draw(rows, fitted, path):
             ax.loglog(size, seconds, marks[method], label=f"{method}: {slope:.2f}")
         ax.set(xlabel=axis)
         ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter(NullFormatter())
-        ax.legend(title="exponent", fontsize=8, title_fontsize=8)
+        ax.set_ylim(top=4 * ax.get_ylim()[1])  # room for the legend
+        ax.legend(loc="upper left", title="exponent", fontsize=8, title_fontsize=8)
     axes[0].set(ylabel="seconds")
     figure.savefig(path, dpi=110)
 
