@@ -14,8 +14,10 @@ library      MaterialLibrary (starter: how the shipped one is built from optical
 sky          the spectrum of a clear sky
 environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
+overhead     the sky overhead, from the sky in view
 support      how many of them a scene supports
 bands        bands of finite width
+prior        what is known of temperatures before any pixel is solved
 reduced      the forward model in r dimensions, and the evidence
 unbounded    Eq. 6 without V's bounds: fast, and nearly a lower bound
 local        Eq. 6 exactly, pixel by pixel

@@ -7,8 +7,8 @@
    cluster's, and if it lies in the picture's upper half (a car's bonnet mirrors the sky, but
    from below).
 2. The sky's objects. A camera sees the part of the sky near the horizon; a surface is lit
-   from overhead, through less air. The clearest visible sky is extrapolated with the same
-   law to smaller air masses, band by band: up to three objects (one for k = 2).
+   from overhead, through less air. The clearest visible sky is extrapolated to smaller air
+   masses (`overhead`): up to three objects (one for k = 2).
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
    directions; `skylight_spread`: how the extrapolated skies change with the air temperature.
@@ -22,6 +22,7 @@ from sklearn.cluster import KMeans
 
 from .environment import Environment
 from .errors import InputError
+from .overhead import overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
 
 SAMPLES = 6000
@@ -30,7 +31,6 @@ MISSING = 0.2  # of B(T_air) in the clearest band, for a cluster to be sky
 MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # of the sky's objects over the clearest visible sky, for k = 1, 2, 3 or 4, 5 and more
 AIR_MASS_RATIOS = ((), (0.6,), (0.4, 1.0), (0.4, 1.0), (0.2, 0.5, 1.0))
-AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of the air over the sky's largest brightness temperature
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
 ERROR_K = 0.3  # of X beyond all that
@@ -60,7 +60,10 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
     spectra = cube.pixels(pick) / cube.sigma
-    row = pick // cube.shape[1] / cube.shape[0]
+    # K-means begins with what comes first: in this order, that is no matter of where pixels lie
+    order = np.argsort(spectra.mean(axis=1), kind="stable")
+    spectra = spectra[order]
+    row = pick[order] // cube.shape[1] / cube.shape[0]
 
     sky = sky_pixels(cube, library, spectra, row, seed)
     sky_fields = {}
@@ -88,7 +91,9 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     if ratios:
         cold = spectra[sky].mean(axis=1)
         seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
-        skies = _overhead(cube.wavelength_um, seen, ratios) / cube.sigma
+        zenith = 1 - library.at(cube.wavelength_um)[library.sky_index]
+        visible = spectra[sky] * cube.sigma
+        skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith) / cube.sigma
         deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
         means = np.concatenate([skies.mean(axis=0), means])
         skylight = _principal(deviations) * cube.sigma
@@ -130,17 +135,6 @@ def _missing(wavelength_um, spectrum, transmittance, scene_k):
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
     return 1 - opacity[j].min() if sky < 0.8 * grey or wavelength_um.size < 3 else 0.0
-
-
-def _overhead(wavelength_um, seen, ratios):
-    """Skies (excess, ratios, bands) at air masses of ratios times that of a visible one.
-
-    S = B(T_air) (1 - t^a) solved for t^a band by band, with T_air a little (AIR_EXCESS_K)
-    above the largest brightness temperature.
-    """
-    air_k = brightness_temperature(wavelength_um, seen).max() + np.array(AIR_EXCESS_K)
-    glow = radiance(wavelength_um, air_k[:, None, None])
-    return glow * (1 - (1 - seen / glow) ** np.array(ratios)[:, None])
 
 
 def _clusters(spectra, k, starts, seed):

@@ -51,7 +51,7 @@ from .estimate import ERROR_K
 from .identifiability import leverage
 from .library import SKY
 from .planck import noise_sigma, radiance
-from .reduced import MIN_TEMPERATURE_SPREAD_K
+from .prior import MIN_TEMPERATURE_SPREAD_K
 from .sky import Atmosphere, sky_radiance
 
 NETD_K = 0.05  # of a filter 1 um wide, at 300 K

@@ -5,7 +5,7 @@ import numpy as np
 from .bands import quadrature
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma, radiance
-from .reduced import MIN_TEMPERATURE_SPREAD_K, scene_temperatures
+from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperature
 
 TERMS = 5  # of the series of Planck's law in `evidence`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
@@ -16,7 +16,6 @@ HOT_SIGMAS = 5.0  # the hottest pixel but a few is at most so many prior deviati
 # what the prior must span for it would blur all others
 FAR = 1.5
 SAMPLES = 6000  # pixels that the basis is made from
-SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
 
@@ -52,14 +51,13 @@ def known_arrays(cube, library, environment):
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
     s = cube.sample(SAMPLES)
     s = s[np.abs(brightness_temperature(cube.wavelength_um, s).mean(axis=1) - mean) <= far]
-    usual = _usual_temperature(s, cube, environment)
     basis = _basis(s / cube.sigma, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
-        prior_k=np.array([mean, spread, usual]), basis=basis,
+        prior_k=np.array([mean, spread, usual_temperature(cube, environment)]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
 
@@ -71,19 +69,6 @@ def bytes_per_pixel(known):
     of_evidence = 6 * MAX_COMPONENTS**2 + 4 * 2 * materials * (unknowns + 6)
     of_answer = 36 * unknowns**2 + 24 * (bands * nodes + materials)
     return of_evidence + of_answer + 1000
-
-
-def _usual_temperature(s, cube, environment):
-    """K: the median of what pixels s (n, bands) but the sky's look like in their most opaque
-    band."""
-    t = brightness_temperature(cube.wavelength_um, s).max(axis=1)
-    if environment.sky_mean is None:
-        return np.median(t)
-    off = (s - environment.sky_mean) / cube.sigma
-    u = environment.sky_spread / cube.sigma
-    chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
-    ground = chi2 > SKY_CHI2 * cube.bands
-    return np.median(t[ground] if ground.any() else t)
 
 
 def _basis(s, cube, emissivity, environment, mean_k, spread_k):

@@ -52,10 +52,10 @@ from .errors import InputError
 from .heat_cube import HeatCube
 from .library import MaterialLibrary
 from .planck import brightness_temperature, noise_sigma, radiance
+from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperature
 
 PIXELS_PER_GROUP = 4096
 SERIES_TOLERANCE = 0.005  # noise units
-MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
 # share of sky in a mixed pixel, mean and standard deviation, below and above one half
 MIXED_MATERIAL, MIXED_SKY = (0.25, 0.15), (0.75, 0.15)
@@ -130,7 +130,7 @@ def reduce_model(
     """
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
     environment.check_bands(w)
-    t, of = _temperatures(cube), _hypotheses(library, environment)
+    t, of = _temperatures(cube, environment), _hypotheses(library, environment)
     nodes = quadrature(w, cube.fwhm_um)
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
@@ -174,7 +174,7 @@ class _Temperatures(NamedTuple):
     prior_sigma: float
 
 
-def _temperatures(cube):
+def _temperatures(cube, environment):
     t = scene_temperatures(cube)
     # the darkest and the brightest that every band saw: no pixel lies beyond
     ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
@@ -182,7 +182,8 @@ def _temperatures(cube):
     low, high = max(ends[0] - 40.0, 60.0), ends[1] + 60.0
     return _Temperatures(
         mid=0.5 * (high + low), half=0.5 * (high - low),
-        prior_mean=float(np.median(t)), prior_sigma=max(MIN_TEMPERATURE_SPREAD_K, float(t.std())),
+        prior_mean=usual_temperature(cube, environment),
+        prior_sigma=max(MIN_TEMPERATURE_SPREAD_K, float(t.std())),
     )  # fmt: skip
 
 
@@ -244,11 +245,6 @@ def _occam(gram, terms, t):
     width = np.array([t.prior_sigma] + [(V_PRECISION * k) ** -0.5] * (k - 1))
     fisher = width[:, None] * (tangent.T @ gram @ tangent) * width
     return 0.5 * np.linalg.slogdet(np.eye(k) + fisher)[1]
-
-
-def scene_temperatures(cube, samples=20000):
-    """(n,) brightness temperatures in K of a regular subsample of pixels."""
-    return brightness_temperature(cube.wavelength_um, cube.sample(samples)).mean(axis=1)
 
 
 def groups(row):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
-from scipy.optimize import linear_sum_assignment
 from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
@@ -123,17 +122,14 @@ def test_the_seed_decides():
 
 
 @pytest.mark.parametrize("name", OUTDOORS)
-def test_the_order_of_pixels_hardly_matters(name):
-    """Shuffled columns: the same set of spectra, to a tenth of how far objects are apart."""
+def test_the_order_of_pixels_does_not_matter(name):
+    """Shuffled columns: the same set of spectra."""
     cube, _ = traced(name)
     order = np.random.default_rng(0).permutation(cube.shape[1])
     shuffled = HeatCube(cube.radiance[:, :, order], cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     a, b = (estimate_environment(c, LIBRARY, 5) for c in (cube, shuffled))
     assert a.sky == b.sky
-    off = noise_units(a.radiance, b.radiance, cube)
-    i, j = linear_sum_assignment(off)
-    apart = noise_units(a.radiance, a.radiance, cube) + 1e9 * np.eye(5)
-    assert (off[i, j] < 0.1 * apart.min(axis=1)[i]).all()
+    np.testing.assert_allclose(a.radiance, b.radiance, rtol=1e-6)
 
 
 def test_halves():

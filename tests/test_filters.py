@@ -17,7 +17,7 @@ from physics.filters import (
     rate_filters,
 )
 from physics.planck import noise_sigma, radiance, radiance_derivative
-from physics.reduced import MIN_TEMPERATURE_SPREAD_K
+from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 W = np.linspace(7.5, 14.5, 141)
 FEW = Scenes(*(a[:4] for a in draw_scenes()))

@@ -5,11 +5,15 @@ lack one of the scene's three commonest materials, so that of such a material's 
 unknown or have a sigma that covers the error, and few others are unknown.
 """
 
-CHI2_SIGMAS = 4.0  # beyond which nothing in the library fits
+import numpy as np
+
+from physics import scratch
+
+CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # of the answer, below which it is unknown. The network's own probabilities are too low rather than
 # too high: where they are 0.3 to 0.5, five of six answers are right
 LIKELY, NET_LIKELY = 0.5, 0.3
-OWN_PROBABILITY = 0.05  # of the answer from the pixel's own evidence, below which it is unknown
+OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
 # and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about
 # as often as their probability says
@@ -18,3 +22,32 @@ LOCAL_TRUST, SGD_TRUST = 2.0, 1.2
 OTHER_K = 1.3
 AIR_SIGMA_K = 5.0  # of the air's temperature from the sky's brightness
 RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it
+# sigma's least share of how T scatters over a pixel and its eight neighbours: a pixel on an edge
+# mixes what lies on both sides, which the model does not know (it knows of sky behind a rim); more
+# where the neighbours are of other materials
+SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
+ROWS = 256  # at once
+
+
+def sigma_among_neighbours(sigma, temperature, material):
+    """sigma (height, width) K of a map of T, K, and material, with the doubt that edges add."""
+    out = scratch.empty(sigma.shape, np.float32)
+    height = len(sigma)
+    for top in range(0, height, ROWS):
+        bottom = min(top + ROWS, height)
+        above, below = max(top - 1, 0), min(bottom + 1, height)
+        pad = ((above - top + 1, bottom + 1 - below), (1, 1))
+        t, m = (np.pad(a[above:below], pad, mode="edge") for a in (temperature, material))
+        t = t - t.mean(dtype=np.float64)  # small, so that its squares are precise enough
+        mean = _over_nine(np.add, t) / 9
+        variance = np.maximum(_over_nine(np.add, t * t) / 9 - mean**2, 0)
+        edge = _over_nine(np.maximum, m) != _over_nine(np.minimum, m)
+        share = SCATTER**2 + edge * SCATTER_OF_MATERIALS**2
+        out[top:bottom] = np.sqrt(sigma[top:bottom] ** 2 + share * variance)
+    return out
+
+
+def _over_nine(of, padded):
+    """(height, width) of (height + 2, width + 2): of every pixel and its neighbours."""
+    rows = of(of(padded[:-2], padded[1:-1]), padded[2:])
+    return of(of(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

@@ -23,6 +23,7 @@ from physics.known import known_arrays
 from physics.library import MaterialLibrary
 
 from . import glance
+from .doubt import sigma_among_neighbours
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
@@ -44,7 +45,7 @@ class Decomposition:
                           likewise; the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
-    temperature_sigma_k   one standard deviation of T, K, doubt about m included
+    temperature_sigma_k   one standard deviation of T, K, doubt about m and at edges included
     material_probability  (materials, height, width); zero what `glance` did not see
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, no material is likely enough (`doubt`), or only the neighbours
@@ -159,6 +160,9 @@ def decompose(
         look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
         with compiling(progress):
             maps = glance.answer(run, look, cube, len(library))
+    maps["temperature_sigma_k"] = sigma_among_neighbours(
+        maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
+    )
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,

@@ -1,0 +1,29 @@
+"""What is known of a scene's temperatures before any pixel is solved."""
+
+import numpy as np
+
+from .planck import brightness_temperature
+
+MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
+SAMPLES = 6000  # pixels to look at
+SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
+
+
+def scene_temperatures(cube, samples=20000):
+    """(n,) brightness temperatures in K of a regular subsample of a HeatCube's pixels."""
+    return brightness_temperature(cube.wavelength_um, cube.sample(samples)).mean(axis=1)
+
+
+def usual_temperature(cube, environment):
+    """K: the median of what a HeatCube's pixels, but those of the Environment's sky, look like in
+    their most opaque band. It is that of most objects, whatever these are made of: a mirror too
+    looks nearly as warm as they where the sky is opaque."""
+    s = cube.sample(SAMPLES)
+    t = brightness_temperature(cube.wavelength_um, s).max(axis=1)
+    if environment.sky_mean is None:
+        return float(np.median(t))
+    off = (s - environment.sky_mean) / cube.sigma
+    u = environment.sky_spread / cube.sigma
+    chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
+    ground = chi2 > SKY_CHI2 * cube.bands
+    return float(np.median(t[ground] if ground.any() else t))
