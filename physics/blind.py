@@ -80,9 +80,10 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
     s = cube.pixels(pick)
+    order = np.argsort(s.mean(axis=1), kind="stable")  # as in `estimate`: places do not matter
+    s, row = s[order], pick[order] // cube.shape[1] / cube.shape[0]
     missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
     s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
-    row = pick // cube.shape[1] / cube.shape[0]
     sky = sky_pixels(cube, starter, s / cube.sigma, row, seed)
     if not sky.any():
         raise InputError(

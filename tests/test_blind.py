@@ -59,17 +59,14 @@ def test_curves_come_back_and_their_number(netd_k):
     assert (matched(library) < 0.03).all()  # as the falls are 0.15 deep
 
 
-def test_the_order_of_the_pixels_hardly_matters():
+def test_the_order_of_the_pixels_does_not_matter():
     cube, _ = make()
     ground = np.arange(12 * 60, cube.radiance[0].size)  # the sky stays above
     order = np.concatenate([np.arange(12 * 60), np.random.default_rng(1).permutation(ground)])
     mixed = cube.radiance.reshape(cube.bands, -1)[:, order].reshape(cube.radiance.shape)
     mixed = HeatCube(mixed, cube.wavelength_um, cube.fwhm_um)
     a, b = library_from_cube(cube)[0], library_from_cube(mixed)[0]
-    assert len(a) == len(b)
-    np.testing.assert_allclose(
-        np.sort(a.emissivity.mean(axis=1)), np.sort(b.emissivity.mean(axis=1)), atol=0.01
-    )
+    np.testing.assert_allclose(a.emissivity, b.emissivity, rtol=1e-6)
 
 
 def test_the_same_seed_gives_the_same_library():

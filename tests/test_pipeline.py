@@ -5,6 +5,7 @@ import functools
 import numba
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter, minimum_filter
 from traced import averaged, names_of, one_thread, traced  # noqa: F401
 
 import texnet.exact
@@ -86,7 +87,9 @@ def test_every_number_of_bands(method, bands):
 
 def test_doubt_grows_as_bands_get_fewer():
     """The same light in fewer, wider bands: less is known of T, and sigma says so."""
-    ground = names_of(traced("patterned", 54, **SMALL)[1]) != "sky"
+    true = traced("patterned", 54, **SMALL)[1].material
+    inner = minimum_filter(true, 5) == maximum_filter(true, 5)  # edges have a doubt of their own
+    ground = inner & (names_of(traced("patterned", 54, **SMALL)[1]) != "sky")
     sigma = [
         np.median(answer("sgd", 5, bands)[0].temperature_sigma_k[ground])
         for bands in (54, 18, 9, 4)

@@ -175,9 +175,10 @@ def test_agrees_with_the_exact_solver(monkeypatch, k):
         ])  # fmt: skip
         s = share * world.environment.sky_mean + (1 - share) * world.spectra
         _, t, v, sigma = solve_given(model, s, theirs_row, zero + model.prior_mean_k, zero, zero)
-        start = Start(world, world.material + 6 * (share > 0), spectra=s)
-        r, prior = start.refine(), start.known.prior_k.tolist()
-        assert prior[:2] == pytest.approx([model.prior_mean_k, model.prior_sigma_k])
+        prior = world.known().prior_k.tolist()
+        assert prior[1:] == pytest.approx([model.prior_sigma_k, model.prior_mean_k])
+        typical = (prior[2] - prior[0]) / prior[1], 1.0
+        r = Start(world, world.material + 6 * (share > 0), spectra=s, typical=typical).refine()
         ours_t, ours_sigma = prior[0] + prior[1] * r.t[:, 0], prior[1] * r.sigma[:, 0]
         # the two series of B are exact to 0.005 and 0.002 of one band's noise, and sigma is
         # that of 24 bands: up to sqrt(24) 0.007 sigma if all err together
