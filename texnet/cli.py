@@ -397,36 +397,43 @@ def _decompose(
     device="cpu",
 ):  # fmt: skip
     with _loading():
+        from concurrent.futures import ThreadPoolExecutor
+
         from physics.library import MaterialLibrary
 
         from .cube_io import read_cube
 
-    inputs = cube_path, _truth_path(cube_path), library, model
-    cube = read_cube(cube_path)
-    library = _starter() if library is None else MaterialLibrary.load(library)
-    truth = _truth(cube_path)
-    if truth is not None:
-        truth.check_cube(cube)
-
-    with _loading():
-        from .outputs import check_directory, write_decomposition
-        from .pipeline import decompose
-        from .progress import progress_bar
-
-    check_directory(directory, *inputs)
-    chosen = k == "auto"
     # a budget tries all methods, and local and sgd run on the CPU alone
     runner = cache(
         lambda m: _runner(m, model, "cpu" if budget and not m.startswith("net") else device)
     )
-    with progress_bar() as report:
+    inputs = cube_path, _truth_path(cube_path), library, model
+    with ThreadPoolExecutor(1) as beside:  # the network loads while the cube is read
         if budget is None:
             method = method or "net+sgd"
+            network = beside.submit(runner, method)
+        cube = read_cube(cube_path)
+        library = _starter() if library is None else MaterialLibrary.load(library)
+        truth = _truth(cube_path)
+        if truth is not None:
+            truth.check_cube(cube)
+
+        with _loading():
+            from .outputs import check_directory, write_decomposition
+            from .pipeline import decompose
+            from .progress import progress_bar
+
+        check_directory(directory, *inputs)
+    chosen = k == "auto"
+    with progress_bar() as report:
+        if budget is None:
+            run = network.result()
+            del network
         else:
             from .budget import choose
 
             method, k, foreseen = choose(cube, library, k, budget, runner, report)
-        run = runner(method)
+            run = runner(method)
         d = decompose(cube, library, method=method, k=k, model=run, progress=report)
     del run, runner  # and the memory that it keeps for the next tile
     if d.left_out:
