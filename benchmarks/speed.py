@@ -76,9 +76,9 @@ GROWTH = {
     "k": (1, 2, 4, 8, 10),
 }
 SIMULATED_GROWTH = {
-    "pixels": (48, 96, 192, 256),  # on a side
-    "bands": (10, 25, 50, 100),
-    "paths": (4, 12, 36, 72),  # per pixel
+    "pixels": (64, 128, 256, 512),  # on a side
+    "bands": (10, 40, 160, 400),
+    "paths": (4, 16, 64, 256),  # per pixel
 }
 LARGE = (4096, 4096)
 
