@@ -38,7 +38,7 @@ def known_arrays(cube, library, environment):
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     t = scene_temperatures(cube)
-    mean = usual_temperature(cube, environment)
+    mean = np.median(t)
     off = np.abs(t - mean)
     far = FAR * np.quantile(off, 0.995, method="higher")
     near = off <= far
@@ -57,7 +57,7 @@ def known_arrays(cube, library, environment):
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
-        prior_k=np.array([mean, spread]), basis=basis,
+        prior_k=np.array([mean, spread, usual_temperature(cube, environment)]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
 
