@@ -32,7 +32,7 @@ from .known import MAX_UNKNOWNS, TERMS
 
 FREE_STEPS, STEPS = 2, 1
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
-TYPICAL_K = 7.0  # tau_1: how far T is from what is usual in a scene
+TYPICAL_K = 10.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
 MAX_STEP, MAX_T = 1.5, 6.0  # prior deviations
 TINY = 1e-12
