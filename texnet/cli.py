@@ -542,7 +542,10 @@ def _summary(r):
             "allowed"
         )
     if not r["sky_in_view"]:
-        lines.append("Sky          none in view: texture is the residual; wrong if outdoors")
+        lines.append(
+            "Sky          none in view: texture is the residual; outdoors that is wrong (is the "
+            "first row the top?)"
+        )
     if r["metrics"] is not None:
         m, today = r["metrics"], r["metrics"]["baselines"]
         lacks = ", ".join(m["not_in_library"][:4]) + (", ..." if m["not_in_library"][4:] else "")
