@@ -225,8 +225,9 @@ def wrong_environment(view, library, kelvin):
 
 def wrong_wavelengths(view, library, bands):
     cube, truth = shaded(view, library)
-    step = np.diff(cube.wavelength_um).mean()
-    return Case(changed(cube, wavelength_um=cube.wavelength_um + bands * step), truth, library)
+    w = cube.wavelength_um + bands * np.diff(cube.wavelength_um).mean()
+    # the truth is called the same, to be compared at all
+    return Case(changed(cube, wavelength_um=w), replace(truth, wavelength_um=w), library)
 
 
 def wrong_gain(view, library, percent):

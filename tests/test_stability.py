@@ -42,6 +42,7 @@ def test_every_case_is_a_cube_with_its_truth(axis, library):
         c = case(axis, level, library, AXES[axis].views[-1])
         assert c.truth.material.shape == c.cube.shape
         assert c.truth.texture.shape == c.cube.radiance.shape
+        c.truth.check_cube(c.cube)  # of the same wavelengths: what is answered can be compared
 
 
 def test_first_levels_are_harmless(library):
