@@ -12,9 +12,9 @@ heat_cube    HeatCube
 bad_bands    which of its bands are dead or hot, and how noisy the others are
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
 sky          the spectrum of a clear sky
+overhead     the sky overhead, from the sky in view
 environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
-overhead     the sky overhead, from the sky in view
 support      how many of them a scene supports
 bands        bands of finite width
 prior        what is known of temperatures before any pixel is solved
