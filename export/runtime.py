@@ -1,7 +1,7 @@
 """Answers from a texnet ONNX file by numpy and onnxruntime alone, in bounded memory.
 
 A pixel takes some 10 kB on the way (see `physics.evidence`), so an image is answered tile by
-tile.
+tile, several at once: each by one thread, which wastes less than many threads on one tile.
 """
 
 import json
@@ -14,14 +14,16 @@ from physics.errors import InputError
 from physics.known import bytes_per_pixel
 from physics.tiles import TILE_BYTES, run_tiled
 
+MOST_THREADS = 8  # for more, memory is scarcer than cores
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
 class Runtime:
     """A texnet ONNX file, ready to answer.
 
-    path     as `texnet export` wrote it; keeps the memory that a tile takes, about TILE_BYTES
-    threads  of the computation; all cores if None
+    path     as `texnet export` wrote it; keeps the memory that its tiles take, half of TILE_BYTES
+             each
+    threads  tiles at once; as many as there are cores, at most MOST_THREADS, if None
 
     about is the file's metadata, JSON parsed: texnet_version, history, meaning (of inputs and
     outputs), library (the starter library, as a library file), halo_px, cell_px,
@@ -33,7 +35,8 @@ class Runtime:
     def __init__(self, path, threads=None):
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads or os.cpu_count()
+        self._threads = threads or min(os.cpu_count(), MOST_THREADS)
+        options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too
         # planning what may share memory takes four times as long as all else here, and saves none
         options.enable_mem_reuse = options.enable_mem_pattern = False
@@ -69,11 +72,11 @@ class Runtime:
         feeds = {"radiance": radiance, **known}
         feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
         self._check(feeds)
-        pixels = TILE_BYTES / bytes_per_pixel(feeds)
+        pixels = TILE_BYTES / 2 / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
         return run_tiled(
             lambda tile, inner: self._answer(feeds | {"radiance": tile, "inner": inner}),
-            image, self.about["halo_px"], pixels, progress, self.about["cell_px"],
+            image, self.about["halo_px"], pixels, progress, self.about["cell_px"], self._threads,
         )  # fmt: skip
 
     def _answer(self, feeds):

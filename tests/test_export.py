@@ -135,7 +135,7 @@ def test_tiles_do_not_show(runtime, monkeypatch, pixels):
     image, known = scene(shape=(61, 75), bands=9)
     whole = runtime.run(image, known)
     per_pixel = bytes_per_pixel(known)
-    monkeypatch.setattr("export.runtime.TILE_BYTES", pixels * per_pixel)
+    monkeypatch.setattr("export.runtime.TILE_BYTES", 2 * pixels * per_pixel)
     done = []
     tiled = runtime.run(image, known, lambda n, of: done.append((n, of)))
     assert len(done) > 1 and done == [(n + 1, len(done)) for n in range(len(done))]

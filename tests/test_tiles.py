@@ -1,10 +1,13 @@
 """Tiles do not show where the halo covers what an answer looks at, and do where it does not."""
 
+import time
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physics.tiles import run_tiled
+from physics.tiles import TILE_PIXELS, run_tiled, tile_size
 
 REACH = 2
 
@@ -25,12 +28,14 @@ def cut(maps, inner):
 
 @given(
     st.integers(1, 40), st.integers(1, 40), st.integers(REACH, 6), st.integers(1, 900),
-    st.integers(0, 99),
+    st.integers(0, 99), st.integers(1, 3),
 )  # fmt: skip
-def test_tiling_changes_nothing(height, width, halo, pixels, seed):
+def test_tiling_changes_nothing(height, width, halo, pixels, seed, at_once):
     image = np.random.default_rng(seed).integers(0, 1000, (3, height, width))
     seen = []
-    tiled = run_tiled(windows, image, halo, pixels, lambda *done: seen.append(done))
+    tiled = run_tiled(
+        windows, image, halo, pixels, lambda *done: seen.append(done), at_once=at_once
+    )
     for name, whole in windows(image).items():
         np.testing.assert_array_equal(tiled[name], whole)
     assert seen == [(i + 1, len(seen)) for i in range(len(seen))]
@@ -55,6 +60,64 @@ def test_tiles_begin_where_cells_do(height, width, pixels, cell):
 def test_too_small_a_halo_shows():
     image = np.random.default_rng(0).integers(0, 1000, (1, 30, 30))
     assert (run_tiled(windows, image, 1, 64)["sum"] != windows(image)["sum"]).any()
+
+
+def test_what_goes_wrong_in_a_tile_is_said_and_ends_the_others():
+    begun = []
+
+    def run(tile, inner):
+        begun.append(1)
+        if len(begun) == 1:
+            raise ArithmeticError("no")
+        time.sleep(0.01)
+        return windows(tile, inner)
+
+    with pytest.raises(ArithmeticError, match="no"):
+        run_tiled(run, np.zeros((1, 300, 300)), 2, 100, at_once=2)
+    assert len(begun) < 100  # of thousands
+
+
+def test_ctrl_c_ends_after_the_tiles_at_work():
+    begun = []
+
+    def run(tile, inner):
+        begun.append(1)
+        time.sleep(0.01)
+        return windows(tile, inner)
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_tiled(run, np.zeros((1, 300, 300)), 2, 100, stop, at_once=2)
+    assert len(begun) < 100
+
+
+@given(
+    st.integers(1, 3000), st.integers(1, 3000), st.integers(1, 30), st.integers(3000, 60000),
+    st.integers(1, 8),
+)  # fmt: skip
+def test_tiles_look_at_few_pixels_more_than_squares_would(height, width, halo, pixels, at_once):
+    """Squares as large as may be, those at the lower and right border cut: the simple way."""
+    side = int(pixels**0.5) - 2 * halo
+    if side < halo:
+        return
+
+    def looked_at(rows, columns):
+        return [
+            (min(y + rows + halo, height) - max(y - halo, 0))
+            * (min(x + columns + halo, width) - max(x - halo, 0))
+            for y in range(0, height, rows) for x in range(0, width, columns)
+        ]  # fmt: skip
+
+    ours = looked_at(*tile_size(height, width, halo, pixels, at_once=at_once))
+    squares = looked_at(side, side)
+    assert max(ours) <= pixels
+
+    def cost(tiles):
+        return -(-len(tiles) // at_once) * (sum(tiles) / len(tiles) + TILE_PIXELS)
+
+    assert cost(ours) <= 1.1 * cost(squares)
 
 
 def test_a_tile_is_no_larger_than_asked():
