@@ -17,7 +17,7 @@ from .metrics import names_in_view, names_lacking, non_sky, texture_correlation
 from .stretch import stretch
 from .vision import tex_vision
 
-PANEL_INCHES = 2.4
+PANEL_INCHES, MARGIN_INCHES = 2.4, 0.08
 DPI = 130
 TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
@@ -36,6 +36,7 @@ def maps_figure(decomposition, truth, path):
     answer has no sky.
     """
     d, ground, hues = decomposition, non_sky(decomposition), _hues(decomposition, truth)
+    legend = _legend(hues, d, truth)
     fields = [  # title, colour map, picture
         ("temperature (K)", "magma", _on(ground, d.temperature_k)),
         _lighting(d, ground),
@@ -48,7 +49,7 @@ def maps_figure(decomposition, truth, path):
         (f"unknown ({100 * d.unknown.mean():.1f} %, white)", "gray", d.unknown),
     ]
     if truth is None:
-        fig, axes = _panels(2, 4, d.residual.shape)
+        fig, axes = _panels(2, 4, d.residual.shape, legend)
         _show_materials(axes[0, 0], "material", d, hues)
         for ax, (title, cmap, picture) in zip(axes.flat[1:], fields + own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
@@ -56,7 +57,7 @@ def maps_figure(decomposition, truth, path):
         seen = non_sky(truth)
         by_sky = (truth.sky_view, truth.sky_texture) if d.sky else (None, None)
         true = [truth.temperature_k, by_sky[0], _band_mean(truth.texture), by_sky[1]]
-        fig, axes = _panels(3, 6, d.residual.shape)
+        fig, axes = _panels(3, 6, d.residual.shape, legend)
         _show_materials(axes[0, 0], "material", d, hues)
         _show_materials(axes[1, 0], "truth", truth, hues)
         if names_lacking(d, truth)[1]:
@@ -69,7 +70,6 @@ def maps_figure(decomposition, truth, path):
             _compare(column, *field, None if t is None else _on(seen, t))
         for ax, (title, cmap, picture) in zip(axes[:, 5], own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
-    _name_hues(fig, hues, d, truth)
     _save(fig, path)
 
 
@@ -100,16 +100,15 @@ def comparison_figure(decomposition, cube, truth, path):
         ("3 principal components", as_rgb, max(abs(match(c)) for c in components)),
         ("TeX vision", tex_vision(d), match(d.sky_texture)),
     ]
-    fig, axes = _panels(2, 2 if truth is None else 3, cube.shape, bar=0.1, title=0.5)
+    hues, columns = _hues(d), 2 if truth is None else 3
+    fig, axes = _panels(2, columns, cube.shape, _legend(hues, d), bar=0.1, title=0.5)
     for ax, (title, picture, r) in zip(axes.flat, pictures, strict=False):
         _bare(ax, title if np.isnan(r) else f"{title}\ntexture correlation {r:.2f}")
         ax.imshow(picture)
-    hues = _hues(d)
     if truth is not None:
         _bare(axes[1, 1], "the same by day (truth)")
         axes[1, 1].imshow(daylight_srgb(truth))
         _show_materials(axes[1, 2], "material", d, hues)
-    _name_hues(fig, hues, d)
     _save(fig, path)
 
 
@@ -177,14 +176,31 @@ def _compare(column, title, cmap, estimate, truth):
 # --- drawing -----------------------------------------------------------------------------
 
 
-def _panels(rows, columns, shape, bar=0.5, title=0.4):
-    """Figure and axes for pictures of this shape, bar inches beside and title inches over each."""
-    # A figure of our own instead of pyplot's: no global state, no display, no leak.
+def _panels(rows, columns, shape, legend, bar=0.66, title=0.36):
+    """Figure and axes for pictures of this shape, bar inches beside and title inches over each,
+    and below all a legend {label: colour}."""
+    # Laid out in inches: matplotlib's own layout takes as long as all of the drawing. A figure of
+    # our own instead of pyplot's: no global state, no display, no leak.
     height = PANEL_INCHES * min(max(shape[0] / shape[1], 0.4), 2.0)
-    size = (columns * (PANEL_INCHES + bar), rows * (height + title))
-    fig = Figure(figsize=size, layout="constrained", dpi=DPI)
-    fig.get_layout_engine().set(h_pad=0.08, w_pad=0.04)
-    return fig, fig.subplots(rows, columns, squeeze=False)
+    wide = columns * (PANEL_INCHES + bar) + MARGIN_INCHES
+    per_row = max(1, int(wide / (LETTER_INCHES * (max(map(len, legend), default=0) + 4))))
+    lines = -(-len(legend) // per_row)
+    foot = lines * LINE_INCHES + 2 * MARGIN_INCHES
+    high = rows * (height + title) + foot
+    fig = Figure(figsize=(wide, high), dpi=DPI)
+    axes = np.empty((rows, columns), object)
+    for row, column in np.ndindex(rows, columns):
+        left = MARGIN_INCHES + column * (PANEL_INCHES + bar)
+        bottom = foot + (rows - 1 - row) * (height + title)
+        axes[row, column] = fig.add_axes(
+            (left / wide, bottom / high, PANEL_INCHES / wide, height / high)
+        )
+    fig.legend(
+        handles=[Patch(color=colour, label=label) for label, colour in legend.items()],
+        fontsize=SMALL, ncols=-(-len(legend) // max(1, lines)), columnspacing=1.0,
+        handlelength=1.2, loc="lower center", frameon=False, borderaxespad=0.2,
+    )  # fmt: skip
+    return fig, axes
 
 
 def _bare(ax, title):
@@ -198,7 +214,7 @@ def _show(ax, title, cmap, picture, span):
     _bare(ax, title)
     image = ax.imshow(picture, cmap=cmap, vmin=span[0], vmax=span[1], interpolation="nearest")
     if picture.dtype != bool:
-        bar = ax.figure.colorbar(image, ax=ax, shrink=0.9, pad=0.02)
+        bar = ax.figure.colorbar(image, cax=ax.inset_axes((1.02, 0.05, 0.05, 0.9)))
         bar.ax.tick_params(labelsize=SMALL)
 
 
@@ -219,22 +235,14 @@ def _show_materials(ax, title, answer, hues):
     ax.imshow(colours[answer.material], interpolation="nearest")
 
 
-def _name_hues(fig, hues, d, truth=None):
-    """One legend below all panels; what the library lacks and the truth holds is marked so."""
+def _legend(hues, d, truth=None):
+    """{label: colour} of what is in view; what the library lacks and the truth holds is marked."""
     labels = {n: n for n in names_in_view(d, LEAST_SHARE)}
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
         there = names_in_view(truth, LEAST_SHARE)
         labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
-    names = list(labels)[:MOST_NAMES]
-    wide = LETTER_INCHES * (max((len(labels[n]) for n in names), default=0) + 4)
-    rows = -(-len(names) // max(1, int(fig.get_figwidth() / wide)))
-    fig.set_figheight(fig.get_figheight() + (rows + 1) * LINE_INCHES)
-    fig.legend(
-        handles=[Patch(color=_colour(hues[n]), label=labels[n]) for n in names], fontsize=SMALL,
-        ncols=-(-len(names) // max(1, rows)), columnspacing=1.0, handlelength=1.2,
-        loc="outside lower center", frameon=False,
-    )  # fmt: skip
+    return {label: _colour(hues[n]) for n, label in list(labels.items())[:MOST_NAMES]}
 
 
 def _colour(hue_deg):
@@ -244,4 +252,4 @@ def _colour(hue_deg):
 def _save(fig, path):
     with whole_file(path) as part:
         # packing harder takes longer than all else here, and saves a twentieth
-        fig.savefig(part, bbox_inches="tight", pad_inches=0.08, pil_kwargs={"compress_level": 1})
+        fig.savefig(part, pil_kwargs={"compress_level": 1})
