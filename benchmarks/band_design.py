@@ -2,7 +2,7 @@
 
     python -m benchmarks.band_design --out DIR
 
-`physics.filters` designs N = 4, 6 and 9 filters for the starter library. Each of the scenes of
+`physics.filters` designs N = 3, 4, 6 and 9 filters for the starter library. Each of the scenes of
 `benchmarks.accuracy` is path-traced once and shaded through them, through N filters side by side,
 and through N equidistant ones as wide as the designed; noise by the same law, k = 5 objects
 estimated from the noisy cube. Writes band_design.csv, one row per scene, filters and method, and
@@ -25,7 +25,7 @@ from physics.whole_file import whole_file
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import decompose
 
-COUNTS, METHODS = (4, 6, 9), ("local", "net+sgd")
+COUNTS, METHODS = (3, 4, 6, 9), ("local", "net+sgd")
 DESIGNED, SIDE_BY_SIDE, AS_WIDE = "designed", "side by side", "equidistant, as wide"
 SHOWN = {
     "material_accuracy": "right material",

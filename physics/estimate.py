@@ -20,6 +20,7 @@ the time does not grow with the cube.
 import numpy as np
 from sklearn.cluster import KMeans
 
+from .bands import quadrature
 from .environment import Environment
 from .errors import InputError
 from .overhead import overhead
@@ -27,6 +28,7 @@ from .planck import brightness_temperature, radiance, radiance_derivative
 
 SAMPLES = 6000
 SKY_CLUSTERS = 12
+AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a cluster, if it is sky
 MISSING = 0.2  # of B(T_air) in the clearest band, for a cluster to be sky
 MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # of the sky's objects over the clearest visible sky, for k = 1, 2, 3 or 4, 5 and more
@@ -91,7 +93,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     if ratios:
         cold = spectra[sky].mean(axis=1)
         seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
-        zenith = 1 - library.at(cube.wavelength_um)[library.sky_index]
+        zenith = _transmittance(cube, library).mean(axis=1)
         visible = spectra[sky] * cube.sigma
         skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith) / cube.sigma
         deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
@@ -108,20 +110,28 @@ def sky_pixels(cube, library, spectra, row, seed):
     sky = np.zeros(len(spectra), bool)
     if library.sky_index is None:
         return sky
-    transmittance = 1 - library.at(cube.wavelength_um)[library.sky_index]
+    masses = AIR_MASSES[:, None, None]
+    opacity = 1 - (_transmittance(cube, library) ** masses).mean(axis=-1)
     fit = _clusters(spectra, SKY_CLUSTERS, 1, seed)
     centres = fit.cluster_centers_ * cube.sigma
     scene_k = np.median(brightness_temperature(cube.wavelength_um, centres))
-    missing = np.array([_missing(cube.wavelength_um, c, transmittance, scene_k) for c in centres])
+    missing = np.array([_missing(cube.wavelength_um, c, opacity, scene_k) for c in centres])
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
     missing[height > row.mean()] = 0.0
     sky = (missing > max(MISSING, MISSING_RATIO * missing.max()))[fit.labels_]
     return sky
 
 
-def _missing(wavelength_um, spectrum, transmittance, scene_k):
+def _transmittance(cube, library):
+    """(bands, n) of the atmosphere towards the zenith, at wavelengths that sample each band: a
+    wide one may hold a strong line and yet be clear."""
+    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    return 1 - library.at(nodes.ravel())[library.sky_index].reshape(nodes.shape)
+
+
+def _missing(wavelength_um, spectrum, opacity, scene_k):
     """How far below B(T_air) a sky-like spectrum falls in its clearest band, 0..1; 0 where a
-    grey body fits about as well as a sky."""
+    grey body fits about as well as a sky, of opacity (air masses, bands)."""
     t = brightness_temperature(wavelength_um, spectrum)
     air_k = np.linspace(t.max() - 2, max(t.max() + 12, scene_k), 20)[:, None, None]
     glow = radiance(wavelength_um, air_k)
@@ -131,7 +141,6 @@ def _missing(wavelength_um, spectrum, transmittance, scene_k):
         misfit = np.sqrt((((models - spectrum) / per_kelvin) ** 2).mean(axis=-1))
         return misfit.min(), np.unravel_index(misfit.argmin(), misfit.shape)
 
-    opacity = 1 - transmittance ** np.geomspace(0.1, 40, 60)[:, None]
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
     return 1 - opacity[j].min() if sky < 0.8 * grey or wavelength_um.size < 3 else 0.0

@@ -117,7 +117,7 @@ def test_a_library_that_does_not_cover_the_bands(capfd, tmp_path, cube):
     library = tmp_path / "library.json"
     library.write_text(json.dumps({"wavelength_um": [8.0, 10.0], "materials": rows}))
     sentence = refused(capfd, "decompose", cube, "--out", tmp_path / "out", "--library", library)
-    assert "cover 8-10 um but the bands need 8-14 um" in sentence
+    assert "cover 8-10 um but the bands need 7.562-14.44 um" in sentence  # to their edges
 
 
 def test_wrong_scenes(capfd, tmp_path):

@@ -6,10 +6,12 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.bands import quadrature
 from physics.distill import distill
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, radiance
 from physics.reduced import reduce_model
+from physics.sky import Atmosphere, sky_radiance
 from texnet.pipeline import decompose
 
 LIBRARY = MaterialLibrary.starter()
@@ -45,6 +47,24 @@ def test_the_sky_is_found_outdoors(name):
     level = brightness_temperature(cube.wavelength_um, e.radiance).mean(axis=1)
     others = [j for j in range(len(e)) if j not in e.sky]
     assert level[list(e.sky)].max() < level[others].min()
+
+
+@pytest.mark.parametrize("centres", [(9.4, 10.4, 13.0), (9.0, 11.0, 13.0), (9.6, 11.0, 13.0)])
+def test_the_sky_is_found_through_wide_filters_with_a_strong_line_in_them(centres):
+    """Ozone, at 9.6 um, is opaque in its middle; a filter of 2 um around it is nearly clear."""
+    centre, width = np.array(centres), np.full(3, 2.0)
+    rng = np.random.default_rng(0)
+    height = rng.uniform(0.3, 0.9, 600)  # cosines of zenith angles
+    warm, grey = rng.normal(297, 2, (600, 1)), rng.uniform(0.9, 1, 600)
+    s = np.empty((1200, 3))
+    for band, fine in enumerate(quadrature(centre, width)):
+        s[:600, band] = sky_radiance(fine, height, Atmosphere(295.0, 3.0)).mean(axis=1)
+        s[600:, band] = grey * radiance(fine, warm).mean(axis=1)
+    s += noise_sigma(centre, 0.025) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(3, 40, 30), centre, width, 0.025)
+    e = estimate_environment(cube, LIBRARY)
+    assert e.sky
+    np.testing.assert_allclose(e.sky_mean, s[:600].mean(axis=0), rtol=0.05)
 
 
 @pytest.mark.parametrize("bands", [3, 9, 24])
@@ -91,8 +111,9 @@ def test_true_sky_comes_out_as_sky(name):
     sky = names_of(truth) == "sky"
     assert sky.sum() > 50
     assert (answer[sky] == "sky").mean() >= 0.8
-    assert np.isin(answer[sky], METALS).mean() < 0.05
     # at its edge, and through gaps in a canopy, a pixel may be half sky; elsewhere none is
+    inner = binary_erosion(sky, np.ones((3, 3)), border_value=1)
+    assert np.isin(answer[inner], METALS).mean() < 0.05
     ground = ~binary_dilation(sky, np.ones((3, 3)))
     assert (answer[ground] == "sky").mean() < 0.05
 

@@ -20,7 +20,8 @@ baselines   what people look at today: panchromatic, CLAHE, principal components
 metrics     the one module of metrics
 stretch     the one contrast stretch
 progress    a progress bar
-cli         the command line
+loading     Ctrl-C while packages load
+cli         the command line; what its commands do is in commands and decompose_command
 """
 
 __all__ = ["Decomposition", "decompose"]

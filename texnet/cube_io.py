@@ -46,6 +46,11 @@ BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k")
 SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
 
 
+def truth_path(cube_path):
+    """Where the truth of a simulated cube lies: beside it."""
+    return Path(cube_path).with_suffix(".truth.npz")
+
+
 def read_cube(path):
     """Read a heat cube from an .exr or .npz file (see the module for their layouts).
 

@@ -1,0 +1,324 @@
+"""What the commands do, but for `decompose`: each takes the parsed arguments and returns what to
+say and what --json gives.
+
+What a command needs is imported inside it, so that `texnet --help` starts at once.
+"""
+
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+from physics.errors import InputError
+from physics.library import MaterialLibrary
+
+from .loading import loading
+
+
+def import_(args):
+    from .cube_import import import_cube
+    from .cube_io import check_cube_path, write_cube
+    from .progress import progress_bar
+
+    check_cube_path(args.out, args.file)
+    with progress_bar() as report:
+        cube, note = import_cube(
+            args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report
+        )
+    write_cube(cube, args.out)
+    text = f"{note}\n{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels."
+    return text, {
+        "command": "import", "cube": args.out, "note": note, "bands": cube.bands,
+        "size": cube.shape, "wavelength_um": cube.wavelength_um, "netd_k": cube.netd_k,
+    }  # fmt: skip
+
+
+def simulate(args):
+    with loading():
+        from physics.bands import equidistant_bands
+        from physics.simulator import simulate as trace
+        from physics.simulator.presets import preset
+        from physics.simulator.scene_file import load_scene
+
+        from .band_file import read_bands
+        from .cube_io import check_cube_path, truth_path, write_cube
+        from .progress import progress_bar
+
+    named = isinstance(args.bands, Path)
+    check_cube_path(args.out, args.scene, args.bands if named else None)
+    beside = truth_path(args.out)
+    for other in (args.out.with_suffix(s) for s in (".exr", ".npz")):
+        if other != args.out and other.exists():
+            raise InputError(
+                f"{beside} would be taken for the truth of {other}, too; choose another name."
+            )
+    wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
+    is_file = Path(args.scene).suffix == ".json"
+    scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)
+    with progress_bar() as report:
+        cube, truth = trace(
+            scene, wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=args.size, spp=args.spp,
+            netd_k=args.netd, seed=args.seed, progress=lambda n, of: report(n, of, "simulate"),
+        )  # fmt: skip
+    beside.unlink(missing_ok=True)  # never a truth beside another scene's cube
+    write_cube(cube, args.out)
+    truth.save(beside)
+    text = (
+        f"{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels.\n"
+        f"{beside}: its truth."
+    )
+    result = {
+        "command": "simulate", "scene": args.scene, "cube": args.out, "truth": beside,
+        "bands": cube.bands, "size": cube.shape, "spp": args.spp, "netd_k": cube.netd_k,
+        "seed": args.seed,
+    }  # fmt: skip
+    return text, result
+
+
+def bands(args):
+    from physics.bands import equidistant_bands
+    from physics.filters import HIGH_UM, LOW_UM, design_filters, rate_filters
+    from physics.whole_file import check_writable
+
+    from .band_file import write_bands
+    from .progress import progress_bar
+
+    if args.out is not None:
+        check_writable(args.out, args.library)
+    library = MaterialLibrary.starter()
+    if args.library is not None:
+        library = MaterialLibrary.load(args.library)
+    with progress_bar() as report:
+        best = design_filters(library, args.n, progress=report)
+    centres, width = equidistant_bands(args.n, LOW_UM, HIGH_UM)
+    equidistant = rate_filters(library, centres, float(width[0]))
+    if args.out is not None:
+        write_bands(args.out, best.wavelength_um, best.fwhm_um)
+    lines = ["centre (um)  width (um)"]
+    lines += [f"{c:11.2f}  {w:10.2f}" for c, w in zip(*best[:2], strict=True)]
+    lines.append(f"{'':22s} material (nats)  sigma of T (K)  loss (nats)  NETD (mK)")
+    lines += [
+        f"{name:22s} {f.material_loss:15.3f}  {f.temperature_k:14.2f}  {f.loss:11.3f}  "
+        f"{1e3 * f.netd_k:9.0f}"
+        for name, f in (("these", best), (f"{args.n} side by side", equidistant))
+    ]
+    lines += [
+        "material: what stays unknown of it; sigma of T: the least error; loss: what stays unknown",
+        "of both; less is better. A wider filter lets in more light, so its NETD is lower.",
+    ]
+    if args.out is not None:
+        lines.append(f"{args.out}: for simulate --bands, with --netd {best.netd_k:.3g}.")
+    return "\n".join(lines), {
+        "command": "bands", "file": args.out, "designed": best._asdict(),
+        "equidistant": equidistant._asdict(),
+    }  # fmt: skip
+
+
+def library_list(args):
+    library = MaterialLibrary.starter()
+    mean = library.emissivity.mean(axis=1)
+    lines = [f"{n:24s} mean emissivity {e:.3f}" for n, e in zip(library.names, mean, strict=True)]
+    rows = [{"name": n, "mean_emissivity": e} for n, e in zip(library.names, mean, strict=True)]
+    return "\n".join(lines), {"command": "library list", "materials": rows}
+
+
+def library_show(args):
+    library = MaterialLibrary.starter()
+    i = library.index(args.name)
+    curve = list(zip(library.wavelength_um, library.emissivity[i], strict=True))
+    step = max(1, len(curve) // 16)
+    lines = [f"{args.name}: {library.descriptions[i]}", "wavelength (um)  emissivity"]
+    lines += [f"{w:15.3f}  {e:.4f}" for w, e in curve[::step]]
+    return "\n".join(lines), {
+        "command": "library show", "name": args.name, "description": library.descriptions[i],
+        "hue_deg": library.hue_deg[i], "wavelength_um": library.wavelength_um,
+        "emissivity": library.emissivity[i],
+    }  # fmt: skip
+
+
+def library_rebuild(args):
+    from physics import starter
+    from physics.whole_file import check_writable
+
+    check_writable(args.out)
+
+    starter.write(args.out)
+    return f"{args.out}: written.", {"command": "library rebuild", "library": args.out}
+
+
+def library_import(args):
+    from physics.whole_file import check_writable
+
+    from .library_io import import_library, read_names
+
+    check_writable(args.out, args.file, args.names, *args.file.glob("*.[tT][xX][tT]"))
+    names = None if args.names is None else read_names(args.names)
+    library, note = import_library(args.file, args.wavenumbers, names, args.sky)
+    library.save(args.out)
+    return f"{note}\n{args.out}: {', '.join(library.names)}.", {
+        "command": "library import", "library": args.out, "note": note,
+        "materials": library.names, "wavelength_um": library.wavelength_um,
+    }  # fmt: skip
+
+
+def library_from_cube(args):
+    from physics.blind import library_from_cube
+    from physics.whole_file import check_writable
+
+    from .cube_io import read_cube
+    from .progress import progress_bar
+
+    check_writable(args.out, args.cube)
+    cube = read_cube(args.cube)
+    with progress_bar() as report:
+        library, note = library_from_cube(cube, args.materials, progress=report)
+    library.save(args.out)
+    return f"{args.cube}: {note}\n{args.out}: {', '.join(library.names)}.", {
+        "command": "library from-cube", "library": args.out, "note": note,
+        "materials": library.names, "wavelength_um": library.wavelength_um,
+    }  # fmt: skip
+
+
+# --- training ----------------------------------------------------------------------------
+
+
+def train(args):
+    from physics.whole_file import check_writable
+
+    check_writable(args.out)
+    with _training() as report:
+        from training.train import train
+
+        history = train(
+            args.out, args.cache, scenes=args.scenes, epochs=args.epochs, seed=args.seed,
+            device=args.device, progress=report,
+        )  # fmt: skip
+    text = f"{_scores('validation scenes', history['validation'])}\n{args.out}: the weights."
+    return text, {"command": "train", "model": args.out} | history
+
+
+def finetune(args):
+    from physics.whole_file import check_writable
+
+    from .cube_io import read_cube
+    from .weights import load_network, save_network
+
+    check_writable(args.out, args.library, args.model, *args.cubes)
+    library = MaterialLibrary.load(args.library)
+    cubes = [read_cube(path) for path in args.cubes]
+    network, past = load_network(args.model)
+    with _training() as report:
+        from training.finetune import finetune
+
+        network, history = finetune(
+            network, library, args.cache, scenes=args.scenes, epochs=args.epochs, cubes=cubes,
+            seed=args.seed, device=args.device, progress=report,
+        )  # fmt: skip
+    save_network(network, args.out, history | {"from": past})
+    on = "the cubes" if cubes else "scenes held out"
+    lines = [_scores(f"{on}, before", history["before"]), _scores("after", history["after"])]
+    if history["sky"] != "the library's":
+        lines.insert(0, f"{args.library} has no sky; the starter library's was used in training.")
+    text = "\n".join([*lines, f"{args.out}: the weights."])
+    return text, {"command": "finetune", "model": args.out} | history
+
+
+@contextmanager
+def _training():
+    """Yield a progress report; says what is missing, or after Ctrl-C how to go on."""
+    from .progress import progress_bar
+
+    try:
+        with progress_bar() as report:
+            yield report
+    except ModuleNotFoundError as e:
+        if e.name != "pytorch_lightning":
+            raise
+        raise InputError(
+            "training needs the package pytorch-lightning; pip install 'texnet[train]'."
+        ) from e
+    except KeyboardInterrupt:
+        print("texnet: stopped; the same command goes on from the last epoch.", file=sys.stderr)
+        raise
+
+
+def _scores(what, m):
+    if "eq1" in m:
+        return f"{what}: Eq. 1 loss {m['eq1']:.4f}"
+    return (
+        f"{what}: {100 * m['accuracy']:.1f} % of the pixels get their material, cross entropy "
+        f"{m['cross_entropy']:.3f}, temperature off by {m['temperature_rmse_k']:.2f} K"
+    )
+
+
+def export(args):
+    from physics.whole_file import check_writable
+
+    from .weights import load_network
+
+    check_writable(args.out, args.model)
+    network, history = load_network(args.model)
+    try:
+        from export.to_onnx import export_onnx
+    except ModuleNotFoundError as e:
+        if e.name not in ("onnx", "onnxscript"):
+            raise
+        raise InputError(
+            "export needs the packages onnx and onnxscript; pip install 'texnet[export]'."
+        ) from e
+    export_onnx(network, history, args.out)
+    size = args.out.stat().st_size
+    text = f"{args.out}: {args.model} and all that answers a cube with it, {size / 1e6:.1f} MB."
+    return text, {"command": "export", "model": args.model, "file": args.out, "bytes": size}
+
+
+def bench_speed(args):
+    from benchmarks.speed import measure
+
+    from .outputs import check_directory
+
+    check_directory(args.out)
+    result = measure(args.out)
+    return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
+
+
+def bench_stability(args):
+    from benchmarks.stability import measure, missing_table
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    with progress_bar() as report:
+        rows, missing, faults = measure(args.out, progress=report)
+    files = f"{args.out}: stability.csv, missing.csv, atlas.png."
+    text = "\n".join([*missing_table(missing), *faults, files])
+    return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
+
+
+def bench_chart(args):
+    from benchmarks.chart import measure, table
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    try:
+        with progress_bar() as report:
+            result = measure(args.out, args.network, report)
+    except KeyboardInterrupt:
+        print("texnet: stopped; the same command goes on after the last scene.", file=sys.stderr)
+        raise
+    text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png, methods.csv."])
+    return text, {"command": "bench chart"} | result
+
+
+def reproduce(args):
+    from benchmarks.reproduce import reproduce as make
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out)
+    with progress_bar() as report:
+        text, result = make(args.figure, args.out, args.full, report)
+    return text, {"command": "reproduce", "figure": args.figure} | result

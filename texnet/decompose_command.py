@@ -1,0 +1,205 @@
+"""The commands decompose and demo: a cube in, its answer on disk, and what to say of it."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from importlib.resources import as_file, files
+
+import numpy as np
+
+from physics.errors import InputError
+from physics.library import MaterialLibrary
+
+from .cube_io import read_cube, truth_path
+from .loading import loading
+
+DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
+SHIPPED = "texnet.onnx"  # there too
+
+
+def demo(args):
+    """decompose, of the scene that comes with the package."""
+    with as_file(files("texnet") / "data") as folder:
+        args.cube = folder / DEMO_CUBE
+        text, result = decompose(args)
+    return text, result | {"command": "demo"}
+
+
+def decompose(args):
+    """From the arguments of `texnet decompose` -> what to say and what --json gives."""
+    budget, k = args.budget, args.k
+    if budget is not None and (args.method or args.model):
+        raise InputError("--budget chooses the method; leave out --method and --model.")
+
+    @cache
+    def runner(method):
+        # a budget tries all methods, and local and sgd run on the CPU alone
+        on_cpu = budget is not None and not method.startswith("net")
+        return _runner(method, args.model, "cpu" if on_cpu else args.device)
+
+    with ThreadPoolExecutor(1) as beside:  # the network loads while the cube is read
+        if budget is None:
+            method = args.method or "net+sgd"
+            network = beside.submit(runner, method)
+        cube = read_cube(args.cube)
+        library = MaterialLibrary.starter()
+        if args.library is not None:
+            library = MaterialLibrary.load(args.library)
+        truth = _truth(args.cube)
+        if truth is not None:
+            truth.check_cube(cube)
+
+        with loading():
+            from .outputs import check_directory, write_decomposition
+            from .pipeline import decompose
+            from .progress import progress_bar
+
+        check_directory(args.out, args.cube, truth_path(args.cube), args.library, args.model)
+    with progress_bar() as report:
+        if budget is None:
+            run = network.result()
+            del network
+        else:
+            from .budget import choose
+
+            method, k, foreseen = choose(cube, library, k, budget, runner, report)
+            run = runner(method)
+        d = decompose(cube, library, method=method, k=k, model=run, progress=report)
+    del run, runner  # and the memory that it keeps for the next tile
+    if d.left_out:
+        cube = cube.only(np.isin(cube.wavelength_um, d.wavelength_um))
+    metrics = None if truth is None else _metrics(d, cube, truth)
+    paths = write_decomposition(d, cube, truth, args.out, args.compare or truth is not None)
+    result = {
+        "command": "decompose", "cube": args.cube, "method": method, "k": len(d.environment),
+        "k_chosen": args.k == "auto", **_of_answer(d, cube), "metrics": metrics, "files": paths,
+    }  # fmt: skip
+    if budget is not None:
+        result["budget"] = {
+            "seconds_per_megapixel": budget, "foreseen_seconds_per_megapixel": foreseen,
+        }  # fmt: skip
+    return _summary(result), result
+
+
+def _of_answer(d, cube):
+    """What --json gives of a Decomposition of a HeatCube."""
+    ground = d.temperature_k[np.asarray(d.material_names)[d.material] != "sky"]
+    span = np.percentile(ground, [2, 50, 98]) if ground.size else [math.nan] * 3
+    share = np.bincount(d.material.ravel(), minlength=len(d.material_names)) / d.material.size
+    return {
+        "bands": cube.bands, "size": cube.shape,
+        "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
+        "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
+        "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
+        "materials": {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0},
+        "sky_in_view": bool(d.sky), "unknown": d.unknown.mean(),
+        "residual": np.median(d.residual), "seconds": d.seconds,
+    }  # fmt: skip
+
+
+def _truth(cube_path):
+    """The Truth beside a cube, or None."""
+    path = truth_path(cube_path)
+    if not path.exists():
+        return None
+    from physics.truth import Truth
+
+    return Truth.load(path)
+
+
+def _metrics(d, cube, truth):
+    from .baselines import baseline_correlations
+    from .metrics import evaluate, names_lacking
+
+    metrics = evaluate(d, truth)
+    lacking, whole = names_lacking(d, truth)
+    if whole:  # by other names no material could be right
+        of_names = "material_accuracy", "mean_iou", "cross_entropy", "accuracy_answered"
+        metrics |= dict.fromkeys(of_names, math.nan)
+    return metrics | {
+        "not_in_library": lacking, "baselines": baseline_correlations(cube, truth),
+    }  # fmt: skip
+
+
+def _runner(method, model, device):
+    """What runs the network: ONNX Runtime for net+sgd; torch for other weights, net and GPUs."""
+    if device != "cpu" and method not in ("net", "net+sgd"):
+        raise InputError(f"--device: {method} runs on the CPU alone; take --method net+sgd.")
+    if method not in ("net", "net+sgd"):
+        if model is not None:
+            raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
+        return None
+    if model is not None and model.suffix != ".onnx":
+        from .learned import torch_model
+        from .weights import load_network
+
+        return torch_model(method == "net+sgd", load_network(model)[0], device=device)
+    if model is not None and method == "net":
+        raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
+    if model is not None and device != "cpu":
+        raise InputError(f"--model: {model} runs on the CPU alone; give .safetensors.")
+    if method == "net" or device != "cpu":
+        from .learned import torch_model
+
+        return torch_model(method == "net+sgd", device=device)
+    with loading():
+        from export.runtime import Runtime
+
+    if model is not None:
+        return Runtime(model).run
+    with as_file(files("texnet") / "data" / SHIPPED) as path:
+        return Runtime(path).run
+
+
+def _summary(r):
+    own, said = r["netd_k"], r["netd_stated_k"]
+    source = "as stated" if own == said else "estimated"
+    if said and said != own:
+        source += f", {1e3 * said:.0f} mK stated"
+    t, shares = r["temperature_k"], list(r["materials"].items())
+    shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
+    lines = [
+        f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
+        f"NETD {1e3 * own:.0f} mK ({source})",
+        *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
+        f"Objects      k = {r['k']}" + (", chosen" if r["k_chosen"] else ""),
+        f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
+        "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
+        f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
+        f"Time         {sum(r['seconds'].values()):.1f} s",
+    ]
+    if "budget" in r:
+        foreseen, allowed = (
+            r["budget"][f"{which}seconds_per_megapixel"] for which in ("foreseen_", "")
+        )
+        lines.append(
+            f"Method       {r['method']}: {foreseen:.1f} s per megapixel foreseen, {allowed:g} "
+            "allowed"
+        )
+    if not r["sky_in_view"]:
+        lines.append(
+            "Sky          none in view: texture is the residual; outdoors that is wrong (is the "
+            "first row the top?)"
+        )
+    if r["metrics"] is not None:
+        m, today = r["metrics"], r["metrics"]["baselines"]
+        lacks = ", ".join(m["not_in_library"][:4]) + (", ..." if m["not_in_library"][4:] else "")
+        right = f"{100 * m['material_accuracy']:.1f} % of the pixels get their material"
+        if lacks:
+            right += f" (the library lacks {lacks})"
+        if math.isnan(m["material_accuracy"]):
+            right = f"materials not compared: the library lacks {lacks} of the truth"
+        lines += [
+            "Against the truth beside the cube:",
+            f"             temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)",
+            f"             {right}",
+        ]
+        if math.isfinite(m["texture_correlation"]):
+            lines.append(
+                f"             sky-lit texture correlates at {m['texture_correlation']:.2f} "
+                f"(raw thermal {today['panchromatic']:.2f}, CLAHE {today['clahe']:.2f}, "
+                f"PCA {today['principal_components']:.2f})"
+            )
+    lines += ["Files        " + str(r["files"]["tex_vision"]) + "   <- look at this first"]
+    lines += [f"             {p}" for key, p in r["files"].items() if key != "tex_vision"]
+    return "\n".join(lines)
