@@ -246,7 +246,8 @@ def fit(
         enable_model_summary=False, enable_progress_bar=False, num_sanity_val_steps=0,
         deterministic=True,
     )  # fmt: skip
-    listening = signal.getsignal(signal.SIGINT)
+    listening, threads = signal.getsignal(signal.SIGINT), torch.get_num_threads()
+    torch.set_num_threads(1)  # the cores make draws, and what waits for one of them spins
     try:
         trainer.fit(
             module, Loader(draws, order),
@@ -259,6 +260,8 @@ def fit(
         # Lightning makes an exit of Ctrl-C, and ignores any further one
         signal.signal(signal.SIGINT, listening)
         raise KeyboardInterrupt from None
+    finally:
+        torch.set_num_threads(threads)
     return module.metrics
 
 
