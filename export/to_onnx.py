@@ -38,7 +38,7 @@ INPUTS = {
     "sky_spread": (("sky_spreads", "bands"), f"{SPECTRUM}, those of the sky's own pixels"),
     "error": (("bands",), f"{SPECTRUM}, what the environment is wrong by in every band"),
     "sky_mean": (("bands",), f"{SPECTRUM}, mean of the sky's pixels, 0 if none"),
-    "prior_k": ((3,), "K, mean and standard deviation of T's prior, and the scene's usual T"),
+    "prior_k": ((2,), "K, mean and standard deviation of T's prior"),
     "basis": (
         ("components", "bands"),
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",

@@ -52,8 +52,8 @@ class Known(NamedTuple):
     environment (k, bands); sky_object (k,) 1 for the objects that stand for the sky;
     spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
     sky_mean (bands,), or zeros where no sky is in view;
-    prior_k (3,) K: mean and standard deviation of T's prior, wide enough for the hottest pixel,
-    and the scene's usual T, which only `refinement` takes;
+    prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
+    wide enough for the hottest pixel;
     basis (d, bands) orthogonal directions of noise-scaled spectra, each divided by about the
     standard deviation that spectra have along it.
     All other spectra in W m-2 sr-1 um-1. `known` makes one from a cube, a library and an

@@ -38,15 +38,11 @@ def known_arrays(cube, library, environment):
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
     t = scene_temperatures(cube)
-    mean = np.median(t)
+    mean = usual_temperature(cube, environment)
     off = np.abs(t - mean)
     far = FAR * np.quantile(off, 0.995, method="higher")
     near = off <= far
-    usual = usual_temperature(cube, environment)
-    # a scene of bare metal looks far colder than it is: the prior reaches what is usual
-    spread = max(
-        MIN_TEMPERATURE_SPREAD_K, t[near].std(), off[near].max() / HOT_SIGMAS, abs(usual - mean)
-    )
+    spread = max(MIN_TEMPERATURE_SPREAD_K, t[near].std(), off[near].max() / HOT_SIGMAS)
     is_sky = np.zeros(len(library))
     if library.sky_index is not None:
         is_sky[library.sky_index] = 1
@@ -61,7 +57,7 @@ def known_arrays(cube, library, environment):
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
-        prior_k=np.array([mean, spread, usual]), basis=basis,
+        prior_k=np.array([mean, spread]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
 

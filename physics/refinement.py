@@ -6,9 +6,9 @@ t = (T - T_0) / tau, Eq. 4 costs, in nats over the evidence and with V on the si
 
     E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 4, and the priors of `evidence`
               - |V'|^2 / 2 + kappa |V' - V'_0|^2 / 2      V's prior is moved to a guess V_0
-              + (T - T_1)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is what is typical of the scene
+              + (T - T_0)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is made narrower
 
-(T_0, tau cover the hottest pixel, for the series' sake; they are no good guess of a mirror's T.)
+(tau covers the hottest pixel, for the series' sake; a mirror's T is better guessed than that.)
 V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull
 p = kappa V'_0 - (kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a
 constant. What the other priors change of the evidence's determinant belongs to E, too. L'_2 is
@@ -87,18 +87,18 @@ def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
 
 
 def refine(
-    b: Blocks, x, row, t, guess, typical=(0.0, 1.0), steps=STEPS, precision=GUESS_PRECISION
+    b: Blocks, x, row, t, guess, width=1.0, steps=STEPS, precision=GUESS_PRECISION
 ) -> Refined:
     """Minimise E from t (P,) and guess (k, P) for the hypotheses row (C, P).
 
-    x (k + n, C, P) are the x^ of `evidence` for these hypotheses; typical is T_1 as a value of t,
-    and tau_1 / tau, at most 1; steps, at least 1, are those of T and V.
+    x (k + n, C, P) are the x^ of `evidence` for these hypotheses; width is tau_1 / tau, at most 1;
+    steps, at least 1, are those of T and V.
     """
     k = guess.shape[0]
     scale = lighting_scale(k)
     hot = one_hot(row, b.determinant.shape[0])
     vv, vt, tt, solve = (of_rows(a, hot) for a in (b.vv, b.vt, b.tt, b.solve))
-    narrow = typical[1] ** -2
+    narrow = width**-2
     v_hat, v_0 = x[:k], ((guess - 1 / k) / scale)[:, None]
     pull = precision * v_0 - (precision - 1) * v_hat
     pulled = _times(of_rows(b.pulled, hot), pull)
@@ -109,7 +109,7 @@ def refine(
         c, slope = hermite(t)
         j = _times(tt, slope)
         curvature = (j * j - slope**2).sum(0) + narrow
-        force = (j * _times(tt, c_2 - c) + c * slope).sum(0) + narrow * (typical[0] - t)
+        force = (j * _times(tt, c_2 - c) + c * slope).sum(0) - narrow * t
         return (force / curvature).clamp(-MAX_STEP, MAX_STEP), curvature, c, slope
 
     t = t.expand(row.shape).clamp(-MAX_T, MAX_T)
@@ -126,7 +126,7 @@ def refine(
     off = c - c_2
     in_v, in_t = _times(vv, v - v_2) + _times(vt, off), _times(tt, off)
     energy = (in_v**2).sum(0) + (in_t**2).sum(0) - (c**2).sum(0)
-    energy = energy + narrow * (t - typical[0]) ** 2
+    energy = energy + narrow * t**2
     energy = energy + precision * ((v_hat - v_0) ** 2).sum(0)
     energy = energy - (v_hat**2).sum(0) - (pull * pulled[:k]).sum(0)
     # what T's other prior changes of the evidence, as determinant says it of V's

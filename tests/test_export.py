@@ -227,7 +227,7 @@ def test_files_of_others_are_named_as_such(tmp_path, runtime):
     [
         (lambda k: k.pop("error"), "see error"),
         (lambda k: k.update(sigma=k["sigma"][:-1]), "sigma must be"),
-        (lambda k: k.update(prior_k=np.ones(2)), "prior_k must be"),
+        (lambda k: k.update(prior_k=np.ones(3)), "prior_k must be"),
         (lambda k: k.update(emissivity=k["emissivity"][:1], is_sky=k["is_sky"][:1]), "at least 2"),
         (lambda k: k.update(basis=np.zeros((25, 24))), "components must be at most 24"),
     ],

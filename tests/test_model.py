@@ -135,9 +135,8 @@ def test_refinement_lowers_the_cost_of_what_the_network_proposes():
     known, net = world.known(), network(3)
     guess = predict(net, known, world.cube).log_lighting.exp().flatten(1).T.double().numpy()
     before, after = (answer(known, world.cube, net, steps) for steps in (0, STEPS))
-    mean, deviation, usual = known.prior_k.double().tolist()
-    typical = (usual - mean) / deviation, TYPICAL_K / deviation
-    of = [cost(one, s, g, GUESS_PRECISION, typical) for one, s, g in zip(
+    mean, deviation = known.prior_k.double().tolist()
+    of = [cost(one, s, g, GUESS_PRECISION, TYPICAL_K / deviation) for one, s, g in zip(
         np.array(dense(known))[after.material.numpy().ravel()], world.scaled(known).numpy(), guess,
         strict=True)]  # fmt: skip
 

@@ -93,8 +93,7 @@ class TeXModel(nn.Module):
         # refined
         width = TYPICAL_K / known.prior_k[1]
         if self.steps:
-            typical = (known.prior_k[2] - known.prior_k[0]) / known.prior_k[1]
-            r = refine(b, x.transpose(0, 1), row, t, guess, (typical, width), self.steps)
+            r = refine(b, x.transpose(0, 1), row, t, guess, width, self.steps)
         else:
             r = _unrefined(b, row, t, guess, width)
         score = score - trust * r.energy
