@@ -17,7 +17,9 @@ def scene_temperatures(cube, samples=20000):
 def usual_temperature(cube, environment):
     """K: the median of what a HeatCube's pixels, but those of the Environment's sky, look like in
     their most opaque band. It is that of most objects, whatever these are made of: a mirror too
-    looks nearly as warm as they where the sky is opaque."""
+    looks nearly as warm as they where the sky is opaque. Nor is it less than the sky's own there,
+    which is about the air's: mirrors of the clear sky overhead look colder than the sky in view.
+    """
     s = cube.sample(SAMPLES)
     t = brightness_temperature(cube.wavelength_um, s).max(axis=1)
     if environment.sky_mean is None:
@@ -26,4 +28,5 @@ def usual_temperature(cube, environment):
     u = environment.sky_spread / cube.sigma
     chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
     ground = chi2 > SKY_CHI2 * cube.bands
-    return float(np.median(t[ground] if ground.any() else t))
+    air = brightness_temperature(cube.wavelength_um, environment.sky_mean).max()
+    return float(max(air, np.median(t[ground] if ground.any() else t)))

@@ -627,13 +627,3 @@ def test_no_noise_and_one_fire_leave_numbers(netd, hot):
     right = (torch.logsumexp(log_p.reshape(2, 6, -1), 0).argmax(0).numpy() == world.material)[usual]
     # at 2500 K the prior of T is 440 K wide, which five terms of B do not span
     assert right.mean() > (0.9 if hot < 2000 else 0.5)
-
-
-def test_where_all_is_bare_metal_the_prior_reaches_what_is_usual():
-    """Foil under a clear sky looks tens of kelvins colder than it is, in all but opaque bands."""
-    library = MaterialLibrary(["sky", "foil"], np.array([7.0, 15.0]), [[0.2, 0.95], [0.03] * 2])
-    foil = np.full(48, 1)
-    by_sky = np.tile([1.0, 0.0, 0.0], (48, 1))
-    known = World(library=library, material=foil, lighting=by_sky).known()
-    mean, deviation, usual = known.prior_k.tolist()
-    assert usual - mean > 15 and deviation == pytest.approx(usual - mean)

@@ -1,0 +1,36 @@
+"""What T usually is in a scene, where most of it is bare metal under a clear sky."""
+
+import numpy as np
+import pytest
+
+from physics import HeatCube, MaterialLibrary
+from physics.bands import equidistant_bands, quadrature
+from physics.estimate import estimate_environment
+from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.prior import scene_temperatures, usual_temperature
+from physics.sky import Atmosphere, sky_radiance
+
+AIR_K, METAL = 290.0, 0.05
+
+
+@pytest.mark.parametrize("bands", [4, 9, 54])
+def test_metal_that_mirrors_a_cold_sky_does_not_make_the_scene_cold(bands):
+    """Sky in view near the horizon; below it plates as warm as the air, e = 0.05, that show the
+    sky overhead, tens of kelvin colder than they."""
+    centre, width = equidistant_bands(bands)
+    rng, air = np.random.default_rng(0), Atmosphere(AIR_K, 2.0)
+    low, high = rng.uniform(0.03, 0.2, 600), rng.uniform(0.7, 1.0, 600)  # cosines of zenith angles
+    s = np.empty((1200, bands))
+    for band, fine in enumerate(quadrature(centre, width)):
+        s[:600, band] = sky_radiance(fine, low, air).mean(axis=1)
+        overhead = sky_radiance(fine, high, air).mean(axis=1)
+        s[600:, band] = METAL * radiance(fine, AIR_K).mean() + (1 - METAL) * overhead
+    s += noise_sigma(centre, 0.05) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(bands, 40, 30), centre, width, 0.05)
+    environment = estimate_environment(cube, MaterialLibrary.starter())
+    assert environment.sky
+    usual = usual_temperature(cube, environment)
+    plates = brightness_temperature(centre, s[600:]).max(axis=1)
+    assert np.median(scene_temperatures(cube)) < AIR_K - 15
+    assert np.median(plates) < AIR_K - 10  # what the pixels alone would say
+    assert AIR_K - 12 < usual < AIR_K + 3
