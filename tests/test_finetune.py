@@ -224,7 +224,8 @@ def _of(scenes):
 
 def test_cubes_without_truth_lower_their_eq1_loss(cache, cube, monkeypatch):
     monkeypatch.setattr(module, "PHYSICS_LEARNING_RATE", 5e-3)
-    better, history = finetune(network(), NEW, cache, epochs=3, cubes=[cube])
+    # a dozen steps: three may lower it or not, as the crops fall
+    better, history = finetune(network(), NEW, cache, epochs=12, cubes=[cube])
     assert history["terms"] == "physics" and set(history["before"]) == {"eq1"}
     assert history["after"]["eq1"] < history["before"]["eq1"]
 
