@@ -46,8 +46,10 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
             scratch.release(image)
 
     threads = ThreadPoolExecutor(at_once)
+    # one at a time stays in the caller's thread, to which numba's and others' settings belong
+    answered = threads.map(work, corners) if at_once > 1 else map(work, corners)
     try:
-        for done, _ in enumerate(threads.map(work, corners), 1):
+        for done, _ in enumerate(answered, 1):
             if progress is not None:
                 progress(done, len(corners))
     finally:

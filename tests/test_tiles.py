@@ -1,6 +1,7 @@
 """Tiles do not show where the halo covers what an answer looks at, and do where it does not."""
 
 import time
+from threading import get_ident
 
 import numpy as np
 import pytest
@@ -55,6 +56,18 @@ def test_tiles_begin_where_cells_do(height, width, pixels, cell):
     image = np.random.default_rng(height).normal(size=(height, width))
     tiled = run_tiled(means, image, cell, pixels, multiple=cell)
     np.testing.assert_allclose(tiled["mean"], means(image)["mean"], rtol=1e-12, atol=1e-12)
+
+
+def test_one_at_a_time_stays_in_the_thread_of_the_caller():
+    """numba and torch keep their number of threads by thread."""
+    seen = []
+
+    def run(tile, inner):
+        seen.append(get_ident())
+        return windows(tile, inner)
+
+    run_tiled(run, np.zeros((1, 40, 40)), 2, 400)
+    assert set(seen) == {get_ident()} and len(seen) > 1
 
 
 def test_too_small_a_halo_shows():

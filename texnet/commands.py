@@ -140,7 +140,6 @@ def library_rebuild(args):
     from physics.whole_file import check_writable
 
     check_writable(args.out)
-
     starter.write(args.out)
     return f"{args.out}: written.", {"command": "library rebuild", "library": args.out}
 
@@ -153,11 +152,7 @@ def library_import(args):
     check_writable(args.out, args.file, args.names, *args.file.glob("*.[tT][xX][tT]"))
     names = None if args.names is None else read_names(args.names)
     library, note = import_library(args.file, args.wavenumbers, names, args.sky)
-    library.save(args.out)
-    return f"{note}\n{args.out}: {', '.join(library.names)}.", {
-        "command": "library import", "library": args.out, "note": note,
-        "materials": library.names, "wavelength_um": library.wavelength_um,
-    }  # fmt: skip
+    return _saved(library, args.out, note, note, "library import")
 
 
 def library_from_cube(args):
@@ -171,9 +166,13 @@ def library_from_cube(args):
     cube = read_cube(args.cube)
     with progress_bar() as report:
         library, note = library_from_cube(cube, args.materials, progress=report)
-    library.save(args.out)
-    return f"{args.cube}: {note}\n{args.out}: {', '.join(library.names)}.", {
-        "command": "library from-cube", "library": args.out, "note": note,
+    return _saved(library, args.out, note, f"{args.cube}: {note}", "library from-cube")
+
+
+def _saved(library, path, note, said, command):
+    library.save(path)
+    return f"{said}\n{path}: {', '.join(library.names)}.", {
+        "command": command, "library": path, "note": note,
         "materials": library.names, "wavelength_um": library.wavelength_um,
     }  # fmt: skip
 
