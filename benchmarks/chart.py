@@ -64,7 +64,8 @@ from texnet.weights import load_network
 
 BANDS, THREADS = (4, 18, 54), 2
 RANDOM_SCENES, PRESETS = 5, ("forest",)
-STEPS = (2, 5, 10)  # of refinement, beside the one that ships
+# of refinement, beside the one that ships
+STEPS = {f"net+sgd, {n} steps": n for n in (2, 5, 10)}
 SCIPY_PIXELS = 50
 SEPARATIONS = {"brightness temperature": brightness, "NEM": nem, "ISSTES": isstes}
 TITLES = {
@@ -169,8 +170,8 @@ def all_methods(networks):
     methods |= {"scipy": by_scipy, "local": by_texnet("local"), "sgd": by_texnet("sgd")}
     methods["net"] = by_texnet("net", torch_model(False))
     methods["net+sgd"] = by_texnet("net+sgd", Runtime(ONNX, THREADS).run)
-    for steps in STEPS:
-        methods[f"net+sgd, {steps} steps"] = by_texnet("net+sgd", torch_model(steps=steps))
+    for name, steps in STEPS.items():
+        methods[name] = by_texnet("net+sgd", torch_model(steps=steps))
     for path in networks:
         if path.stem in methods:
             raise InputError(f"chart: two methods are called {path.stem}; rename {path}.")
@@ -290,7 +291,7 @@ STYLE = {
     "scipy": ("#000000", "X"), "local": ("#0072B2", "o"), "sgd": ("#56B4E9", "D"),
     "net": ("#E69F00", "o"), "net+sgd": ("#D55E00", "*"),
 }  # fmt: skip
-OF_STEPS, OTHERS = "#D55E00", ("#009E73", "Pph<>")
+OTHERS = "#009E73", "Pph<>"
 TICKS = {
     "temperature_rmse_k": (0.2, 0.5, 1, 2, 5, 10),
     "material_accuracy": (0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99),
@@ -308,9 +309,16 @@ def _draw(summary, front, path):
     for axes, bands in zip(grid, BANDS, strict=True):
         of = {r["method"]: r for r in summary if r["bands"] == bands}
         for axis, metric in zip(axes, ERRORS, strict=True):
-            for method, r in of.items():
-                if np.isfinite(r[metric]):
-                    _point(axis, r, metric, method, *style[method], edge)
+            for method in style:
+                if method in of and np.isfinite(of[method][metric]):
+                    _point(axis, of[method], metric, method, *style[method], edge)
+            more = [of[m] for m in ("net+sgd", *STEPS) if m in of]
+            x, errors = ([r[n] for r in more] for n in ("seconds_per_megapixel", metric))
+            colour = STYLE["net+sgd"][0]
+            axis.plot(
+                x, _lost(metric, errors), ".-", color=colour, ms=5, lw=1,
+                label=f"net+sgd, {', '.join(map(str, STEPS.values()))} steps",
+            )  # fmt: skip
             best = [of[m] for m in front[bands][metric]]
             x, errors = ([r[n] for r in best] for n in ("seconds_per_megapixel", metric))
             axis.plot(x, _lost(metric, errors), ":", color="0.4", label="Pareto front", zorder=1)
@@ -328,7 +336,8 @@ def _draw(summary, front, path):
     scenes = RANDOM_SCENES + len(PRESETS)
     figure.suptitle(f"Medians and quartiles of {scenes} scenes; up and to the left is better")
     handles, names = grid[0, 0].get_legend_handles_labels()
-    names = [f"scipy, on {SCIPY_PIXELS} pixels" if n == "scipy" else n for n in names]
+    only = f"scipy, on {SCIPY_PIXELS} pixels:\nits time is to be compared"
+    names = [only if n == "scipy" else n for n in names]
     figure.legend(handles, names, loc="outside lower center", ncols=3, fontsize=11)
     with whole_file(path) as part:
         figure.savefig(part)
@@ -340,11 +349,10 @@ def _lost(metric, values):
 
 
 def _styles(methods):
-    """{method: (colour, marker)}; more steps are their number."""
-    others = [m for m in methods if m not in STYLE and not m.endswith(" steps")]
-    steps = {f"net+sgd, {n} steps": (OF_STEPS, f"${n}$") for n in STEPS}
+    """{method: (colour, marker)}, but for more steps, which are a line."""
+    others = [m for m in methods if m not in STYLE and m not in STEPS]
     colour, markers = OTHERS
-    return STYLE | steps | {m: (colour, markers[i % 5]) for i, m in enumerate(others)}
+    return STYLE | {m: (colour, markers[i % 5]) for i, m in enumerate(others)}
 
 
 def _point(axis, r, metric, method, colour, marker, edge):

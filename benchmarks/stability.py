@@ -460,9 +460,9 @@ def missing_table(rows):
 
 def draw(rows, path):
     """The atlas: per axis a panel of T's error and sigma, above one of materials."""
-    columns = 6
+    columns = 4
     lines = -(-len(AXES) // columns)
-    figure = Figure(figsize=(3.1 * columns, 4.2 * lines), layout="constrained")
+    figure = Figure(figsize=(2.7 * columns, 3.9 * lines), layout="constrained")
     cells = figure.subfigures(lines, columns)
     for cell, (name, axis) in zip(cells.flat, AXES.items(), strict=False):
         top, bottom = cell.subplots(2, 1, sharex=True)
@@ -473,20 +473,22 @@ def draw(rows, path):
             top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
             bottom.plot(at, mean("material_accuracy"), mark, color=colour)
             if method == "net+sgd":
-                dots = "net+sgd: sigma above, unknown below"
+                dots = "net+sgd: its sigma; share unknown"
                 top.plot(at, mean("sigma_k"), ":", color=colour, label=dots)
-                top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label="brightness T")
+                today = "brightness temperature"
+                top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label=today)
                 bottom.plot(at, mean("abstention"), ":", color=colour)
         top.set(yscale="log", title=name, ylabel="T error (K)")
         top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
         top.yaxis.set_minor_formatter(NullFormatter())
-        bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="right (dots: unknown)")
-        bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=8)
+        bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="share")
+        bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=9)
     handles = top.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=6)
+    figure.suptitle("Above: mean error of T; below: share of pixels with the right material")
+    figure.legend(*handles, loc="outside lower center", ncols=3)
     with whole_file(path) as part:
-        figure.savefig(part, dpi=75)
+        figure.savefig(part, dpi=80)
 
 
 def _value(text):

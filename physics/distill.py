@@ -22,7 +22,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .planck import radiance
 from .reduced import groups
 
 
@@ -44,20 +43,15 @@ def distill(model, spectra, row, temperature_k, thermal_lighting):
 
     def of_group(group):
         r, index = group
-        share, e, u = model.sky_share[r], model.emissivity[r], model.deviation[r]
-        v = thermal_lighting[index]
-        x = v @ environment.radiance
-        glow = e * radiance(model.wavelength_um, temperature_k[index, None])
-        rendered = (1 - share) * (glow + (1 - e) * x)
-        if share:
-            rendered += share * environment.sky_mean
-        off = (spectra[index] - rendered) / model.sigma
+        u, v = model.deviation[r], thermal_lighting[index]
+        off = spectra[index] / model.sigma - model.rendered(r, temperature_k[index], v)
         c = off @ np.linalg.solve(np.eye(u.shape[1]) + u.T @ u, u.T).T
         residual[index] = np.sqrt(((off - c @ u.T) ** 2).mean(axis=1))
         if model.material[r] == model.library.sky_index:
             texture[index] = 0.0
             return
-        texture[index] = x + c[:, : len(directions)] @ directions
+        deviation = c[:, : len(directions)] @ directions
+        texture[index] = v @ environment.radiance + deviation
         of_sky = c[:, n : len(directions)] @ directions[n:].mean(axis=1)
         v = v[:, objects]
         lit[index] = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky

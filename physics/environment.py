@@ -53,22 +53,27 @@ class Environment:
         known = all(type(j) is int and j in range(len(s)) for j in sky)
         if len(set(sky)) != len(sky) or not known:
             raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
-        if not 0 <= self.error_k < 100:
+        if not 0 <= numbers(self.error_k, "environment: error_k") < 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))
         names = ("spread", "skylight_spread", "sky_spread")
         given = {name: getattr(self, name) for name in names}
-        fields = {n: none if a is None else np.array(a, np.float64) for n, a in given.items()}
+        fields = {
+            n: none if a is None else np.array(numbers(a, f"environment: {n}"), np.float64)
+            for n, a in given.items()
+        }
         sky_mean = self.sky_mean
         if sky_mean is None and sky:
             sky_mean = s[list(sky)].mean(axis=0)
         if sky_mean is not None:
-            fields["sky_mean"] = np.array(sky_mean, np.float64)
+            fields["sky_mean"] = np.array(numbers(sky_mean, "environment: sky_mean"), np.float64)
         for name, array in fields.items():
             if array.shape[-1:] != (w.size,) or array.ndim != 2 - (name == "sky_mean"):
                 raise InputError(f"environment: {name} must hold {w.size} bands.")
             if not np.isfinite(array).all():
                 raise InputError(f"environment: {name} must be finite.")
+            if name == "sky_mean" and (array <= 0).any():
+                raise InputError("environment: sky_mean must be positive.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         s.setflags(write=False)

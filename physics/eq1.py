@@ -8,7 +8,7 @@ broadcast. Numpy in, numpy out; torch in, torch out and differentiable in all of
 T, e, V and the environment.
 """
 
-from .planck import noise_sigma, radiance
+from .planck import radiance
 
 
 def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um):
@@ -16,24 +16,27 @@ def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_
 
     temperature_k     (...)         K
     emissivity        (..., bands)  0..1; soft material weights w (..., materials) enter
-                                    as ``w @ library_emissivity``
+                                    as ``w @ library_emissivity``; at nodes (..., bands, n)
     thermal_lighting  (..., k)      V >= 0, summing to 1
     environment       (k, bands)    S_1..S_k, W m-2 sr-1 um-1
-    wavelength_um     (bands,)      um
+    wavelength_um     (bands,)      um, of narrow bands; or (bands, n) nodes over which a wide
+                                    band's e B(T) is averaged, as `bands.quadrature` makes them
 
     Returns S and X, each (..., bands), W m-2 sr-1 um-1.
     """
     texture = thermal_lighting @ environment
-    glow = radiance(wavelength_um, temperature_k[..., None])
-    return emissivity * glow + (1 - emissivity) * texture, texture
+    if wavelength_um.ndim == 1:
+        wavelength_um, emissivity = wavelength_um[:, None], emissivity[..., None]
+    glow = (emissivity * radiance(wavelength_um, temperature_k[..., None, None])).mean(-1)
+    return glow + (1 - emissivity.mean(-1)) * texture, texture
 
 
 def physics_loss(
-    measured, temperature_k, emissivity, thermal_lighting, environment, wavelength_um, netd_k
+    measured, temperature_k, emissivity, thermal_lighting, environment, wavelength_um, sigma
 ):
     """Squared residual of Eq. 1 in noise units, mean over bands: (...), 1 where only noise is left.
 
-    measured is (..., bands); the rest is as in `render`; netd_k is in K at 300 K.
+    measured is (..., bands), its noise sigma (bands,); the rest is as in `render`.
     """
     rendered, _ = render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um)
-    return (((rendered - measured) / noise_sigma(wavelength_um, netd_k)) ** 2).mean(-1)
+    return (((rendered - measured) / sigma) ** 2).mean(-1)

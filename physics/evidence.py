@@ -53,7 +53,7 @@ class Known(NamedTuple):
     spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
     sky_mean (bands,), or zeros where no sky is in view;
     prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
-    wide enough for the hottest pixel;
+    wide enough for all but a few in a hundred pixels;
     basis (d, bands) orthogonal directions of noise-scaled spectra, each divided by about the
     standard deviation that spectra have along it.
     All other spectra in W m-2 sr-1 um-1. `known` makes one from a cube, a library and an

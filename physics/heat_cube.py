@@ -9,7 +9,7 @@ from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
 from .planck import radiance as planck_radiance
 
-MAX_TYPICAL_K = 1000.0  # beyond it the units are wrong, not the scene hot
+TYPICAL_K = (110.0, 1000.0)  # of half a scene; beyond, its unit is wrong
 MAX_NETD_K = 10.0  # beyond it, it is in mK
 MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
@@ -92,10 +92,11 @@ class HeatCube:
             )
         some = np.quantile(np.flatnonzero(alive), [0, 0.5, 1], method="lower")
         typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])
-        if typical_k > MAX_TYPICAL_K:
+        low, high = TYPICAL_K
+        if not low <= typical_k <= high:
             raise InputError(
-                f"cube: half of it looks hotter than {typical_k:.0f} K; give radiance in "
-                "W m-2 sr-1 um-1 (1 microflick is 0.01 of it)."
+                f"cube: half of it looks {'hotter' if typical_k > high else 'colder'} than "
+                f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1 (1 microflick is 0.01 of it)."
             )
         for band, limit in zip(scratch.parts(s), planck_radiance(w, MAX_K), strict=True):
             if band.max() <= limit:  # not so with a NaN
@@ -200,6 +201,9 @@ class HeatCube:
             spread = 2 / (9 * self.bands)
             netd = np.sqrt(np.quantile(square, 0.25) / (1 - spread - 0.67449 * spread**0.5) ** 3)
         else:
-            raise InputError("cube: its NETD is not known and it is too small to estimate it.")
+            raise InputError(
+                "cube: its NETD is not known, and to estimate it takes 12 bands, or three rows and "
+                "columns; state it, as netd_k in an npz file or by import --netd."
+            )
         netd = float(np.clip(netd, 1e-3, MAX_NETD_K))
         return HeatCube(self.radiance, self.wavelength_um, self.fwhm_um, netd)

@@ -15,6 +15,7 @@ HOT_SIGMAS = 5.0  # the hottest pixel but a few is at most so many prior deviati
 # of the farthest but one in two hundred, beyond which a pixel (a fire, a defect) is left to itself:
 # what the prior must span for it would blur all others
 FAR = 1.5
+MAX_T = 6.0  # prior deviations that an answer may lie from the mean
 SAMPLES = 6000  # pixels that the basis is made from
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
@@ -40,9 +41,10 @@ def known_arrays(cube, library, environment):
     t = scene_temperatures(cube)
     mean = usual_temperature(cube, environment)
     off = np.abs(t - mean)
-    far = FAR * np.quantile(off, 0.995, method="higher")
+    far = FAR * np.quantile(off, 0.995, method="lower")
     near = off <= far
     spread = max(MIN_TEMPERATURE_SPREAD_K, t[near].std(), off[near].max() / HOT_SIGMAS)
+    spread = min(spread, (mean - COLDEST_PRIOR_K) / MAX_T)  # no answer is colder
     is_sky = np.zeros(len(library))
     if library.sky_index is not None:
         is_sky[library.sky_index] = 1

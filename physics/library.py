@@ -19,7 +19,7 @@ from importlib.resources import files
 import numpy as np
 
 from .errors import InputError
-from .heat_cube import check_wavelength
+from .heat_cube import check_wavelength, numbers
 from .whole_file import whole_file
 
 SKY = "sky"
@@ -52,7 +52,7 @@ class MaterialLibrary:
         names = tuple(str(n) for n in self.names)
         m = len(names)
         w = check_wavelength(self.wavelength_um, "library")
-        e = np.array(self.emissivity, dtype=np.float64)
+        e = np.array(numbers(self.emissivity, "library: emissivity"), dtype=np.float64)
         if m == 0:
             raise InputError("library: it holds no material.")
         if len(set(names)) != m or "" in names:
@@ -68,8 +68,9 @@ class MaterialLibrary:
                 f"library: emissivity of {names[int(np.argmax(bad))]} leaves 0..1 or is not finite."
             )
         hue = _fill_hues(names, [None] * m) if self.hue_deg is None else self.hue_deg
-        hue = np.array(hue, float)
-        rgb = np.array([GREY] * m if self.albedo_rgb is None else self.albedo_rgb, float)
+        hue = np.array(numbers(hue, "library: hue_deg"), float)
+        rgb = [GREY] * m if self.albedo_rgb is None else self.albedo_rgb
+        rgb = np.array(numbers(rgb, "library: albedo_rgb"), float)
         text = ("",) * m if self.descriptions is None else tuple(self.descriptions)
         if hue.shape != (m,) or not np.isfinite(hue).all():
             raise InputError("library: hue_deg must hold one finite hue per material.")

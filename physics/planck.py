@@ -21,9 +21,8 @@ C2 = 14387.768775039337  # h c / k_B, um K (CODATA 2018, exact)
 def _namespace(*arrays):
     """torch if any argument is a tensor, else numpy (torch is never imported here)."""
     torch = sys.modules.get("torch")
-    if torch is not None and any(isinstance(a, torch.Tensor) for a in arrays):
-        return torch
-    return np
+    tensor = getattr(torch, "Tensor", ())  # another thread may be importing it
+    return torch if any(isinstance(a, tensor) for a in arrays) else np
 
 
 def radiance(wavelength_um, temperature_k):

@@ -70,6 +70,7 @@ class ReducedModel:
     material       (R,) library index
     sky_share      (R,) alpha
     emissivity     (R, bands) band means
+    forward        (R, r, bands) A'
     project        (bands, R, r) s -> h
     scale          (R, bands) square root of the diagonal part of C's inverse
     deflate        (bands, R, d) s' P s = |scale s|^2 - |deflate' s|^2
@@ -89,6 +90,7 @@ class ReducedModel:
     material: np.ndarray
     sky_share: np.ndarray
     emissivity: np.ndarray
+    forward: np.ndarray
     project: np.ndarray
     scale: np.ndarray
     deflate: np.ndarray
@@ -109,6 +111,12 @@ class ReducedModel:
         # the last part is that of the prior on V: precision |1/k|^2 = 3 k / k
         constant = 0.5 * (s * s) @ self.scale[row] ** 2 + 0.5 * V_PRECISION
         return h, constant - 0.5 * ((s @ self.deflate[:, row]) ** 2).sum(axis=1)
+
+    def rendered(self, row, temperature_k, lighting):
+        """s~ (P, bands) in noise units, of one hypothesis at T (P,) and V (P, k)."""
+        tau = (temperature_k - self.mid_k) / self.half_k
+        u = np.concatenate([chebyshev.chebvander(tau, self.terms - 1), lighting], axis=1)
+        return u @ self.forward[row]
 
     def of_all(self):
         """What takes (s, 1) to h and deflate' s, (R, r + d, bands + 1), and (s * s, 1) to the
@@ -158,7 +166,7 @@ def reduce_model(
     by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))  # noqa: E731
     return ReducedModel(
         library=library, environment=environment, wavelength_um=w, sigma=sigma,
-        material=of.material, sky_share=of.share, emissivity=emissivity,
+        material=of.material, sky_share=of.share, emissivity=emissivity, forward=a,
         project=by_band(pa * scale[:, None]), scale=scale, deflate=by_band(d * scale[:, None]),
         deviation=u.transpose(0, 2, 1), gram=gram, offset=offset, occam=occam, terms=terms, k=k,
         mid_k=t.mid, half_k=t.half, prior_mean_k=t.prior_mean, prior_sigma_k=t.prior_sigma,

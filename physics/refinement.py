@@ -8,7 +8,7 @@ t = (T - T_0) / tau, Eq. 4 costs, in nats over the evidence and with V on the si
               - |V'|^2 / 2 + kappa |V' - V'_0|^2 / 2      V's prior is moved to a guess V_0
               + (T - T_0)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is made narrower
 
-(tau covers the hottest pixel, for the series' sake; a mirror's T is better guessed than that.)
+(tau covers nearly every pixel, for the series' sake; a mirror's T is better guessed than that.)
 V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull
 p = kappa V'_0 - (kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a
 constant. What the other priors change of the evidence's determinant belongs to E, too. L'_2 is
@@ -28,13 +28,13 @@ import torch
 from torch.nn import functional
 
 from .evidence import Hypotheses, cholesky, hermite, lighting_scale, log_det
-from .known import MAX_UNKNOWNS, TERMS
+from .known import MAX_T, MAX_UNKNOWNS, TERMS
 
 FREE_STEPS, STEPS = 2, 1
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
 TYPICAL_K = 10.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
-MAX_STEP, MAX_T = 1.5, 6.0  # prior deviations
+MAX_STEP = 1.5  # prior deviations
 TINY = 1e-12
 
 

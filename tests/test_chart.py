@@ -119,7 +119,7 @@ def toy(monkeypatch):
     monkeypatch.setattr(chart, "RANDOM_SCENES", 2)
     monkeypatch.setattr(chart, "PRESETS", ())
     monkeypatch.setattr(chart, "BANDS", (4, 6))
-    monkeypatch.setattr(chart, "STEPS", (2,))
+    monkeypatch.setattr(chart, "STEPS", {"net+sgd, 2 steps": 2})
     monkeypatch.setattr(chart, "SCIPY_PIXELS", 1)
     monkeypatch.setattr(chart, "THREADS", 1)
     monkeypatch.setattr(accuracy, "SIZE", (24, 32))

@@ -1,6 +1,7 @@
 """The command line as a user meets it: exit codes, one sentence, whole files, JSON last."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -327,6 +328,18 @@ def test_names_that_the_library_lacks_are_named(capfd, tmp_path, cube, names, sa
     assert set(metrics["not_in_library"]) == set(made_up.NAMES) - set(names)
 
 
+@pytest.mark.parametrize("method", ["local", "net+sgd"])
+def test_a_library_without_sky(capfd, tmp_path, cube, method):
+    """The truth beside the cube knows the sky; the library does not, and the summary says so."""
+    made_up.truth(8, 9).save(cube.with_suffix(".truth.npz"))
+    solid = MaterialLibrary.starter().subset([n for n in made_up.NAMES if n != "sky"])
+    solid.save(tmp_path / "mine.json")
+    words = ["--library", tmp_path / "mine.json", "--method", method, "--json"]
+    code, out, err = run(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
+    assert code == 0 and "the library has none: sky pixels get other names" in out, err
+    assert not last_json(out)["sky_in_library"] and "first row" not in out
+
+
 def test_weights_refine_as_the_onnx_file_does(capfd, tmp_path, cube):
     """--model takes what `finetune` writes; the shipped weights are what the shipped file holds."""
     weights = Path(texnet.__file__).parent / "data" / "texnet.safetensors"
@@ -409,3 +422,42 @@ def test_simulate_then_decompose(capfd, tmp_path, suffix, method):
     code, out, err = run(capfd, *words, "--compare")
     assert code == 0 and (out_dir / "comparison.png").exists()
     assert last_json(out)["files"]["comparison"] == str(out_dir / "comparison.png")
+
+
+# --- as a process ------------------------------------------------------------------------
+
+
+def process(*words, **more):
+    """One command in a process of its own, where nothing is loaded yet and output is buffered."""
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    words = [sys.executable, "-m", "texnet.cli", *map(str, words)]
+    return subprocess.run(words, env=env | more.pop("env", {}), stderr=subprocess.PIPE, **more)
+
+
+@pytest.mark.parametrize("words", [["--method", "net"], ["--model", "texnet.safetensors"]])
+def test_torch_may_load_while_the_cube_is_read(tmp_path, cube, words):
+    data = Path(texnet.__file__).parent / "data"
+    words = [data / word if word.endswith(".safetensors") else word for word in words]
+    done = process("decompose", cube, "--out", tmp_path / "out", *words, stdout=subprocess.PIPE)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+def test_a_reader_that_has_seen_enough_and_a_full_disk():
+    read, write = os.pipe()
+    os.close(read)
+    done = process("library", "list", stdout=write)
+    os.close(write)
+    assert done.returncode == 0 and done.stderr == b""
+    if os.path.exists("/dev/full"):
+        with open("/dev/full", "w") as full:
+            done = process("library", "list", stdout=full)
+        assert done.returncode == 2 and b"No space left" in done.stderr
+        assert done.stderr.count(b"\n") == 1
+
+
+def test_names_beyond_the_terminals_letters(tmp_path):
+    text = "wavelength_um,caf\xe9\n8,0.9\n14,0.9\n"
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    words = ["library", "import", tmp_path / "a.csv", "--out", tmp_path / "b.json"]
+    done = process(*words, stdout=subprocess.PIPE, env={"PYTHONIOENCODING": "ascii:strict"})
+    assert done.returncode == 0 and b"caf\\xe9" in done.stdout, done.stderr

@@ -502,6 +502,55 @@ def test_damaged_arrays_never_crash(tmp_path, suffix, seed):
         assert str(e).startswith("cube: ")
 
 
+# --- a part of it ------------------------------------------------------------------------
+
+
+@given(data=st.data())
+@ANY
+def test_a_part_is_what_numpy_cuts_out(tmp_path, data):
+    draw = data.draw
+    s = np.random.default_rng(draw(st.integers(0, 99))).uniform(5, 9, (6, 5, 4))
+    (top, bottom), (left, right) = (
+        sorted(draw(st.sets(st.integers(0, n), min_size=2, max_size=2))) for n in (5, 4)
+    )
+    path = envi(tmp_path / "a", s, draw(st.sampled_from(["bsq", "bil", "bip"])), kind=5)
+    low, high = sorted(draw(st.sets(st.sampled_from(W.tolist()), min_size=2, max_size=2)))
+    cube, note = import_cube(
+        path, "W/m2/sr/um", rows=slice(top, bottom), columns=slice(left, right),
+        range_um=(low, high),
+    )  # fmt: skip
+    there = (W >= low) & (W <= high)
+    check_same(cube, s[there][:, top:bottom, left:right], W[there])
+    assert f"rows {top} to {bottom - 1} of 0 to 4" in note and f"{there.sum()} bands within" in note
+
+
+def test_what_has_no_measurement_can_be_cut_off(tmp_path, capfd, in_parts):
+    s = S.copy()
+    s[:, :, 0], s[2] = -99, -99
+    path = envi(tmp_path / "a", s, data_ignore_value=-99, bbl=np.array([1, 1, 0, 1, 1, 1]))
+    out = tmp_path / "b.npz"
+    assert "by --rows and --columns" in refused(capfd, path, "--out", out, *FLAGS)
+    words = ["import", path, "--out", out, *FLAGS, "--columns", "1:"]
+    assert main([str(word) for word in words]) == 0
+    said = capfd.readouterr().out
+    assert "columns 1 to 3 of 0 to 3" in said and "1 band left out that the file calls bad" in said
+    check_same(read_cube(out), np.delete(S, 2, 0)[:, :, 1:], np.delete(W, 2))
+
+
+@pytest.mark.parametrize(
+    "flags, sentence",
+    [
+        (["--rows", "2:"], "no rows 2:, only 2 of them"),
+        (["--columns", "3:3"], "no columns 3:3, only 4"),
+        (["--columns", "1-3"], "need FROM:TO such as 10:500"),
+        (["--range", "3:5"], "no band lies within 3-5 um; they lie at 8-13.89 um"),
+    ],
+)
+def test_parts_that_are_not_there(tmp_path, capfd, flags, sentence):
+    path = envi(tmp_path / "a", S)
+    assert sentence in refused(capfd, path, "--out", tmp_path / "b.npz", *FLAGS, *flags)
+
+
 # --- the command -------------------------------------------------------------------------
 
 

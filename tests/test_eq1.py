@@ -3,6 +3,7 @@
 import numpy as np
 import torch
 
+from physics.bands import quadrature
 from physics.contrast import contrast_terms
 from physics.eq1 import physics_loss, render
 from physics.planck import noise_sigma, radiance
@@ -52,10 +53,30 @@ def test_permuting_the_environment_with_its_lighting_changes_nothing():
     )
 
 
+def test_a_wide_band_is_the_mean_of_narrow_ones():
+    """By nodes as by many narrow bands, where the surroundings do not vary within a band."""
+    t, e, v, env = scene(4)
+    e, nodes = RNG.uniform(0.1, 0.99, (4, 3, 16)), quadrature([9.0, 11.0, 13.0], [2.0] * 3)
+    env = env[:, :3]
+    s, x = render(t, e, v, env, nodes)
+    flat = np.repeat(env, 16, axis=1)
+    narrow, _ = render(t, e.reshape(4, -1), v, flat, nodes.ravel())
+    np.testing.assert_allclose(s, narrow.reshape(4, 3, 16).mean(-1), rtol=1e-12)
+    np.testing.assert_array_equal(x, render(t, e.mean(-1), v, env, nodes.mean(-1))[1])
+    # a grey band's glow at its centre is colder than the band's by many times the noise
+    glow = radiance(nodes, 300.0).mean(-1) - radiance(nodes.mean(-1), 300.0)
+    assert np.abs(glow / noise_sigma(nodes.mean(-1), 0.05)).max() > 3
+
+
 def test_gradients_in_every_argument():
     args = [torch.tensor(a, requires_grad=True) for a in scene(2)]
     w = torch.tensor(W)
     assert torch.autograd.gradcheck(lambda *a: render(*a, w), args)
+    t, e, v, env = args
+    nodes = torch.tensor(quadrature([9.0, 12.0], [2.0, 2.0]))
+    e = torch.rand(2, *nodes.shape, dtype=e.dtype, requires_grad=True)
+    args = t, e, v, env[:, :2].detach().requires_grad_()
+    assert torch.autograd.gradcheck(lambda *a: render(*a, nodes), args)
 
 
 def test_soft_material_weights_reach_the_library_curve():
@@ -72,7 +93,7 @@ def test_physics_loss_is_one_where_only_noise_is_left():
     w = torch.tensor(W)
     s, _ = render(t, e, v, env, w)
     noisy = s + noise_sigma(w, 0.1) * torch.tensor(RNG.normal(size=s.shape))
-    loss = physics_loss(noisy, t, e, v, env, w, 0.1)
+    loss = physics_loss(noisy, t, e, v, env, w, noise_sigma(w, 0.1))
     n = s.numel()
     assert loss.shape == t.shape
     assert abs(float(loss.mean()) - 1) < 5 * np.sqrt(2 / n)

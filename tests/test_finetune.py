@@ -25,11 +25,12 @@ from physics.library import SKY
 from physics.simulator.traced import TracedScene
 from texnet.cli import _parser, main
 from texnet.cube_io import write_cube
+from texnet.library_io import with_sky
 from texnet.network import TeXNet
 from texnet.weights import load_network, save_network
 from training.crops import Crops
 from training.finetune import finetune
-from training.reshade import ReshadedSet, with_sky
+from training.reshade import ReshadedSet
 from training.samples import draw
 from training.scenes import SceneSet, Settings
 from training.train import Draws, Training, fit
@@ -47,7 +48,7 @@ def toy(monkeypatch):
     monkeypatch.setattr(module, "HELD_OUT", 1)
     monkeypatch.setattr(samples, "BANDS", (4, 16))
     for of_draws in (samples, crops):
-        monkeypatch.setattr(of_draws, "OBJECTS", (2, 4))
+        monkeypatch.setattr(of_draws, "OBJECTS", (1, 4))
     monkeypatch.setattr(train_module, "WORKERS", 0)
     monkeypatch.setattr(ReshadedSet.__init__, "__defaults__", (0, TINY))
     monkeypatch.setattr(SceneSet.__init__, "__defaults__", (TINY,))
@@ -125,8 +126,13 @@ def test_tracing_takes_up_where_it_stopped(tmp_path):
 
 def test_a_library_without_sky_gets_one(traced, cache):
     bare = NEW.subset([n for n in NEW.names if n != SKY])
-    own = MaterialLibrary(bare.names, np.linspace(7, 15, 30), bare.at(np.linspace(7.5, 14.5, 30)))
+    hues, words = np.arange(len(bare)) * 7.0, ["as measured"] * len(bare)
+    own = MaterialLibrary(
+        bare.names, np.linspace(7, 15, 30), bare.at(np.linspace(7.5, 14.5, 30)), hues, None, words
+    )
     full = with_sky(own)
+    assert tuple(full.hue_deg) == (*hues, STARTER.hue_deg[STARTER.sky_index])
+    assert full.descriptions[:-1] == own.descriptions
     assert full.names == (*bare.names, SKY) and with_sky(NEW) is NEW
     w = np.linspace(8, 14, 77)
     np.testing.assert_allclose(full.at(w)[:-1], own.at(w), atol=1e-12)
@@ -253,8 +259,7 @@ def test_crops_are_small_and_know_the_whole_cube(cube):
     with pytest.raises(InputError, match="its curves cover 9-12 um"):
         Crops([cube], narrow, 0, 96)
     pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
-    with pytest.raises(InputError, match="too small to learn from"):
-        Crops([cube, pixel], NEW, 0, 96)
+    assert len(Crops([pixel], NEW, 0, 96).cubes[0][1]) == 1  # one object at most
 
 
 # --- the command line --------------------------------------------------------------------

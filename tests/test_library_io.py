@@ -134,6 +134,19 @@ def test_ten_wavenumbers_by_hand(tmp_path):
     assert "no material is the sky" in note and note.count(". ") == 0
 
 
+def test_the_starter_librarys_sky_is_added_when_asked_for(tmp_path):
+    nu = np.linspace(720, 1250, 30)
+    solid = NAMES[1:]
+    path = write_csv(tmp_path / "lib.csv", "wavenumber_cm1", nu, np.full((2, 30), 0.9), solid)
+    library, note = import_library(path, add_sky=True)
+    starter, w = MaterialLibrary.starter(), np.linspace(8, 13.8, 50)
+    assert library.names == (*solid, "sky") and "the starter library's sky" in note
+    np.testing.assert_allclose(library.at(w)[-1], starter.at(w)[starter.sky_index], atol=1e-12)
+    np.testing.assert_allclose(library.at(w)[:-1], 0.9)
+    with pytest.raises(InputError, match="leave out --add-sky"):
+        import_library(path, sky=solid[0], add_sky=True)
+
+
 def test_percent_fraction_and_other_spellings(tmp_path):
     w, e = np.array([8.0, 9.0, 10.0]), np.array([0.9, 0.95, 0.85])
     percent = spectrum(tmp_path / "p.txt", w, e)

@@ -24,18 +24,16 @@ from training.samples import Sample
 
 
 class Truth:
-    """A World of narrow bands, its first row sky, as a Sample and the Prediction that is right."""
+    """A World, its first row sky, as a Sample and the Prediction that is right."""
 
-    def __init__(self, noise=0.0, sky=True, dtype=torch.float32, **kwargs):
-        world = World(fwhm=0.0, sky=sky, **kwargs)
+    def __init__(self, noise=0.0, sky=True, dtype=torch.float32, fwhm=0.0, **kwargs):
+        world = World(fwhm=fwhm, sky=sky, **kwargs)
         n, shape = len(world.material), world.shape
         maps = lambda a: torch.from_numpy(np.ascontiguousarray(a)).to(dtype).reshape(-1, *shape)  # noqa: E731
         material = world.material.copy()
         if sky:
             material[: shape[1]] = world.library.sky_index
-        e = world.library.at(world.wavelength)[material]
-        glow = radiance(world.wavelength, world.temperature[:, None])
-        s = e * glow + (1 - e) * (world.lighting @ world.environment.radiance)
+        s = world.render(material, world.temperature, world.lighting)[0]
         s = s + noise * world.sigma * np.random.default_rng(0).normal(size=s.shape)
         known = Known(*(x.to(dtype) for x in world.known()))
         texture = maps((world.lighting @ world.environment.radiance).T)
@@ -61,8 +59,9 @@ class Truth:
         return eq1_loss(self.right._replace(**other), self.sample.known, self.sample.radiance)
 
 
-def test_both_losses_are_zero_at_the_truth():
-    truth = Truth()
+@pytest.mark.parametrize(("bands", "fwhm"), [(24, 0.0), (24, 0.25), (6, 1.0), (3, 1.25)])
+def test_both_losses_are_zero_at_the_truth(bands, fwhm):
+    truth = Truth(bands=bands, fwhm=fwhm)
     assert truth.supervised() < 1e-9
     # B of float32 is right to 1e-4 of 50 mK at best
     assert truth.eq1() < 1e-5

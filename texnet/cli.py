@@ -31,14 +31,13 @@ K = 5  # objects of the environment
 
 def main(argv=None):
     """Run one command; returns the exit code: 0, 2 for wrong input, 130 for Ctrl-C."""
+    for stream in (sys.stdout, sys.stderr):  # a file's name may be beyond its encoding
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
     try:
         args = _parser().parse_args(argv)
         text, result = args.run(args)
-        print(text)
-        if args.json:
-            print(json.dumps(_plain(result), allow_nan=False))
-    except BrokenPipeError:  # the reader, such as head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        _say(text, *([json.dumps(_plain(result), allow_nan=False)] if args.json else []))
     except (InputError, OSError) as e:  # OSError: a full disk, a read-only folder
         print(f"texnet: error: {' '.join(str(e).split())}", file=sys.stderr)
         return 2
@@ -48,6 +47,15 @@ def main(argv=None):
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def _say(*lines):
+    try:
+        print(*lines, sep="\n", flush=True)  # at exit nobody would hear what it raises
+    except OSError as e:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # takes what is left of it at exit
+        if not isinstance(e, BrokenPipeError):  # the reader, such as head, has seen enough
+            raise
 
 
 def _plain(value):
@@ -121,6 +129,16 @@ def _parser():
             help=f"where the file does not say: first and last band in {example}; equidistant",
         )  # fmt: skip
     p.add_argument("--netd", metavar="K", type=_netd, help="sensor noise in K at 300 K, if known")
+    for name in ("--rows", "--columns"):
+        p.add_argument(
+            name, metavar="FROM:TO", type=_slice,
+            help=f"these {name[2:]} alone, from 0, the last not included, as in Python; either end "
+            "may be left out",
+        )  # fmt: skip
+    p.add_argument(
+        "--range", metavar="LOW:HIGH", type=_first_last,
+        help="the bands alone whose centres lie in it, um",
+    )
 
     p = add(of_texnet, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
     p.add_argument("scene", metavar="SCENE", help="name of a preset, or a .json scene file")
@@ -260,6 +278,9 @@ def _parser():
     )  # fmt: skip
     p.add_argument("--names", metavar="FILE", type=Path, help=".mat: text, one name a line")
     p.add_argument("--sky", metavar="NAME", help="the material that is the sky, if none is 'sky'")
+    p.add_argument(
+        "--add-sky", action="store_true", help="take the starter library's sky, if it has none"
+    )
 
     text = "a library from a cube with sky in view alone"
     p = add(actions, "from-cube", commands.library_from_cube, text)
@@ -307,6 +328,13 @@ def _first_last(text):
     if match is None:
         raise argparse.ArgumentTypeError(f"need FIRST:LAST such as 760:1240, got {text!r}")
     return float(match[1]), float(match[2])
+
+
+def _slice(text):
+    match = re.fullmatch(r"([0-9]{0,9}):([0-9]{0,9})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"need FROM:TO such as 10:500, 10: or :500, got {text!r}")
+    return slice(*(int(end) if end else None for end in match.groups()))
 
 
 def _netd(text):

@@ -22,8 +22,9 @@ def import_(args):
     check_cube_path(args.out, args.file)
     with progress_bar() as report:
         cube, note = import_cube(
-            args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report
-        )
+            args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report,
+            rows=args.rows, columns=args.columns, range_um=args.range,
+        )  # fmt: skip
     write_cube(cube, args.out)
     text = f"{note}\n{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels."
     return text, {
@@ -151,7 +152,7 @@ def library_import(args):
 
     check_writable(args.out, args.file, args.names, *args.file.glob("*.[tT][xX][tT]"))
     names = None if args.names is None else read_names(args.names)
-    library, note = import_library(args.file, args.wavenumbers, names, args.sky)
+    library, note = import_library(args.file, args.wavenumbers, names, args.sky, args.add_sky)
     return _saved(library, args.out, note, note, "library import")
 
 

@@ -23,7 +23,7 @@ from .cube_io import unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
-from .raw_cube import UNITS, RawCube, heat_cube
+from .raw_cube import UNITS, RawCube, heat_cube, part_of
 
 HADAR = ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
@@ -32,8 +32,9 @@ GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_ind
 
 
 def import_cube(
-    path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None
-):
+    path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None, *,
+    rows=None, columns=None, range_um=None,
+):  # fmt: skip
     """Read the cube of others at path (.hdr or its binary, .mat, .npz, .npy; see the module).
 
     unit             of its radiance, a key of `raw_cube.UNITS`; where the file leaves it open
@@ -42,6 +43,8 @@ def import_cube(
                      does not say where its bands lie
     netd_k           noise at 300 K, K, if it is known
     progress         called as progress(done, total, what)
+    rows, columns, range_um
+                     a part of it: slices, and the lowest and the highest band centre in um
 
     Returns (HeatCube, note): one sentence on what was converted from what. A large cube is not held
     in memory (but for a .mat, which is at most 4 GB). Raises InputError if the file is damaged or
@@ -55,6 +58,7 @@ def import_cube(
     try:
         raw = _read(path)
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
+        raw = part_of(raw, rows, columns, range_um)
         if raw.unit is None and unit is None:
             raise InputError(
                 f"cube: {path} does not say which unit its radiance has; give --unit, one of "

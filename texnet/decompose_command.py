@@ -92,7 +92,8 @@ def _of_answer(d, cube):
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0},
-        "sky_in_view": bool(d.sky), "unknown": d.unknown.mean(),
+        "sky_in_library": "sky" in d.material_names, "sky_in_view": bool(d.sky),
+        "unknown": d.unknown.mean(),
         "residual": np.median(d.residual), "seconds": d.seconds,
     }  # fmt: skip
 
@@ -176,7 +177,12 @@ def _summary(r):
             f"Method       {r['method']}: {foreseen:.1f} s per megapixel foreseen, {allowed:g} "
             "allowed"
         )
-    if not r["sky_in_view"]:
+    if not r["sky_in_library"]:
+        lines.append(
+            "Sky          the library has none: sky pixels get other names, and texture is the "
+            "residual (library import --add-sky)"
+        )
+    elif not r["sky_in_view"]:
         lines.append(
             "Sky          none in view: texture is the residual; outdoors that is wrong (is the "
             "first row the top?)"

@@ -95,8 +95,8 @@ def _maps(radiance, library, environment, model, local, answer, trust):
     # evidence against what its neighbours made of it
     own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
     own = own[p, state.material] / own.sum(axis=1)
-    unknown = residual**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / bands)
-    unknown |= (probability[p, state.material] < LIKELY) | (own < OWN_PROBABILITY)
+    known = residual**2 <= 1 + CHI2_SIGMAS * np.sqrt(2 / bands)
+    known &= (probability[p, state.material] >= LIKELY) & (own >= OWN_PROBABILITY) & (t > 0)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )
@@ -109,5 +109,5 @@ def _maps(radiance, library, environment, model, local, answer, trust):
         "residual": maps(residual),
         "temperature_sigma_k": maps(sigma),
         "material_probability": maps(probability.T),
-        "unknown": maps(unknown, bool),
+        "unknown": maps(~known, bool),  # so that what is no number is unknown
     }

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from physics import scratch
-from physics.library import hues_between
+from physics.library import SKY, MaterialLibrary, hues_between
 from physics.whole_file import whole_file
 
 from .baselines import clahe, panchromatic, principal_components
@@ -220,7 +220,9 @@ def _show(ax, title, cmap, picture, span):
 
 def _hues(d, truth=None):
     """{name: hue} of the materials in view; those that the library lacks lie between the others."""
-    of_library = dict(zip(d.material_names, d.hue_deg, strict=True))
+    starter = MaterialLibrary.starter()
+    of_library = {SKY: starter.hue_deg[starter.sky_index]}  # a truth may hold it, a library not
+    of_library |= zip(d.material_names, d.hue_deg, strict=True)
     hues = {n: of_library[n] for n in names_in_view(d)}
     if truth is not None:
         lacking = names_lacking(d, truth)[0]

@@ -35,12 +35,13 @@ COLUMNS = ("wavelength_um", "wavenumber_cm1")
 KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
 
 
-def import_library(path, wavenumbers_cm1=None, names=None, sky=None):
+def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=False):
     """Read the library at path (.mat, .csv, .txt, or a folder of .txt; see the module).
 
     wavenumbers_cm1  .mat only: of the first and of the last band, cm-1, equidistant
     names            .mat only: one per material, instead of the file's `matName`
     sky              the material that is the sky; it is renamed to "sky"
+    add_sky          take the starter library's sky, where there is none (`with_sky`)
 
     Returns (MaterialLibrary, note): wavelengths in um, ascending, and one sentence on what
     was converted from what. Raises InputError if the file is damaged or leaves open what
@@ -67,11 +68,43 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None):
             names, w, e, sources, words = (_read_csv if kind == ".csv" else _read_texts)(path)
     except OSError as error:
         raise InputError(f"library: cannot read {path}: {error.strerror or error}.") from error
-    names, of_sky = _with_sky(names, sky)
+    names, words_on_sky = _named_sky(names, sky)
     e, clipped = _within_0_and_1(e, names)
     library = MaterialLibrary(names, w, e, descriptions=sources)
-    note = "; ".join([*words, *clipped, *of_sky])
+    if add_sky and SKY in names:
+        raise InputError(f"library: it has a material {SKY!r} already; leave out --add-sky.")
+    if add_sky:
+        library, words_on_sky = with_sky(library), ["with the starter library's sky"]
+    elif SKY not in names:
+        words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
+    note = "; ".join([*words, *clipped, *words_on_sky])
     return library, f"{path}: {note}."
+
+
+def with_sky(library):
+    """The MaterialLibrary, with the starter library's sky where it has none.
+
+    The curves then meet on both libraries' wavelengths, where both have data. Raises
+    InputError where that is nowhere.
+    """
+    if library.sky_index is not None:
+        return library
+    sky = MaterialLibrary.starter().subset([SKY])
+    w = np.union1d(library.wavelength_um, sky.wavelength_um)
+    low, high = (
+        f(library.wavelength_um[at], sky.wavelength_um[at]) for f, at in ((max, 0), (min, -1))
+    )
+    w = w[(w >= low) & (w <= high)]
+    if w.size == 0:
+        raise InputError(
+            f"library: it has no sky, and the starter library's covers 7.5-14.5 um, "
+            f"not {library.wavelength_um[0]:g}-{library.wavelength_um[-1]:g} um."
+        )
+    return MaterialLibrary(
+        library.names + sky.names, w, np.vstack([library.at(w), sky.at(w)]),
+        np.append(library.hue_deg, sky.hue_deg), np.vstack([library.albedo_rgb, sky.albedo_rgb]),
+        library.descriptions + sky.descriptions,
+    )  # fmt: skip
 
 
 def read_names(path):
@@ -347,10 +380,10 @@ def _ascending(w, e):
     return w[order], e[:, order], words
 
 
-def _with_sky(names, sky):
+def _named_sky(names, sky):
     """The names with the sky called "sky", and words on that."""
     if sky is None:
-        return names, [] if SKY in names else ["no material is the sky (name it by --sky)"]
+        return names, []
     if sky not in names:
         raise InputError(f"library: no material {sky!r} to be the sky among {', '.join(names)}.")
     if sky != SKY and SKY in names:

@@ -130,8 +130,10 @@ class TeXModel(nn.Module):
         sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
         visible = (~empty).float()
         bands = radiance.shape[0]
-        unknown = (misfit**2 > 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) & ~empty
-        unknown = unknown | (of_m(p) < NET_LIKELY) | (of_m(torch.softmax(own, 0)) < OWN_PROBABILITY)
+        # so put that what is no number is unknown
+        fits = (misfit**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) | empty
+        likely = (of_m(p) >= NET_LIKELY) & (of_m(torch.softmax(own, 0)) >= OWN_PROBABILITY)
+        unknown = ~(fits & likely & (temperature > 0))
         maps = lambda a: a.unflatten(-1, shape)  # noqa: E731
         return TeX(
             material_probability=maps(p), material=maps(material),

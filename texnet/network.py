@@ -24,8 +24,8 @@ from torch import nn
 from torch.nn import functional
 
 from physics.evidence import Known, evidence, hypotheses, lighting_scale
+from physics.known import MAX_T
 from physics.planck import brightness_temperature, noise_sigma
-from physics.refinement import MAX_T
 
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
 FREQUENCIES = 6

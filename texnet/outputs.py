@@ -26,7 +26,7 @@ FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "m
 NPZ_KEYS = (
     "temperature_k", "material", "material_names", "thermal_lighting", "environment", "texture",
     "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
-    "wavelength_um", "hue_deg", "sky",
+    "wavelength_um", "hue_deg", "sky", "netd_k", "left_out",
 )  # fmt: skip
 
 
@@ -85,6 +85,7 @@ def _save_arrays(d, path):
     # Text as fixed-width unicode, an absent sky as no index: npz without pickle has no None.
     arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
     arrays["sky"] = np.asarray(d.sky, np.int64)
+    arrays["left_out"] = np.array(list(d.left_out), np.float64)
     # X is as random as its noise: packing it costs seconds, saves little
     save_arrays(path, arrays, compress=False)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from physics import scratch
 from physics.errors import InputError
-from physics.heat_cube import HeatCube, lit
+from physics.heat_cube import TYPICAL_K, HeatCube, lit
 from physics.planck import brightness_temperature
 
 UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
@@ -33,7 +33,6 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
 OURS = "W/m2/sr/um"
 PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; band centres in cm-1 have no such factor
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
-POSSIBLE_K = (100.0, 1000.0)  # brightness temperature of half a scene; else the unit is wrong
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
@@ -50,6 +49,7 @@ class RawCube(NamedTuple):
     unit     a key of UNITS, or None if the file does not say
     gain, offset  (bands,) or one number for all
     good     (bands,) bool; None: all
+    wanted   (bands,) bool, by the caller; None: all
     ignore   the number that stands for no measurement, or None
     hint     what to say where centre is missing
     words    more to tell the user
@@ -64,9 +64,41 @@ class RawCube(NamedTuple):
     gain: np.ndarray | float = 1.0
     offset: np.ndarray | float = 0.0
     good: np.ndarray | None = None
+    wanted: np.ndarray | None = None
     ignore: float | None = None
     hint: str = ""
     words: tuple = ()
+
+
+def part_of(raw, rows=None, columns=None, range_um=None):
+    """The RawCube of some rows, columns (slices) and bands (lowest and highest centre, um); all
+    where None. It must have a centre. Raises InputError where nothing is left."""
+    _, *shape = raw.numbers().shape
+    words = []
+    for what, part, n in (("rows", rows, shape[0]), ("columns", columns, shape[1])):
+        if part is not None:
+            at = range(n)[part]
+            if not at:
+                raise InputError(f"cube: it has no {what} {_said(part)}, only {n} of them.")
+            words.append(f"{what} {at[0]} to {at[-1]} of 0 to {n - 1}")
+    if rows is not None or columns is not None:
+        of_file, cut = raw.numbers, (slice(None), rows or slice(None), columns or slice(None))
+        raw = raw._replace(numbers=lambda: of_file()[cut])
+    if range_um is not None:
+        w = _in_um(raw.centre, raw.axis)
+        wanted = (w >= range_um[0]) & (w <= range_um[1])
+        if not wanted.any():
+            raise InputError(
+                f"cube: no band lies within {range_um[0]:g}-{range_um[1]:g} um; they lie at "
+                f"{w.min():.4g}-{w.max():.4g} um."
+            )
+        words.append(f"{wanted.sum()} bands within {range_um[0]:g}-{range_um[1]:g} um")
+        raw = raw._replace(wanted=wanted)
+    return raw._replace(words=(*raw.words, *words))
+
+
+def _said(part):
+    return f"{part.start or 0}:{'' if part.stop is None else part.stop}"
 
 
 def heat_cube(raw, netd_k=None, progress=None):
@@ -100,14 +132,15 @@ def heat_cube(raw, netd_k=None, progress=None):
 
 def _ascending(raw, bands):
     """Indices of the good bands by wavelength, their wavelengths in um, and words on that."""
-    good = np.ones(bands, bool) if raw.good is None else raw.good
+    wanted = np.ones(bands, bool) if raw.wanted is None else raw.wanted
+    good = wanted if raw.good is None else wanted & raw.good
     if not good.any():
         raise InputError("cube: the file calls all of its bands bad; correct its list of them.")
     centre = raw.centre[good]
     if not np.isfinite(centre).all() or (centre <= 0).any():
         raise InputError(f"cube: band centres must be finite and positive, in {raw.axis}.")
     ends = f"{centre[0]:.6g}-{centre[-1]:.6g} {raw.axis}"
-    w = 1e4 / centre if raw.axis == "cm-1" else centre / PER_UM[raw.axis]
+    w = _in_um(centre, raw.axis)
     low, high = THERMAL_UM
     if w.min() < low or w.max() > high:
         raise InputError(
@@ -121,9 +154,13 @@ def _ascending(raw, bands):
         raise InputError(f"cube: the wavelength {twice:g} um is there twice; give each once.")
     moved = "" if (step == 1).all() else ", order reversed" if (step == -1).all() else ", sorted"
     words = [f"{ends} became {w[0]:.4g}-{w[-1]:.4g} um{moved}"]
-    if bad := int(np.count_nonzero(~good)):
+    if bad := int(np.count_nonzero(wanted & ~good)):
         words.append(f"{bad} band{'s' * (bad > 1)} left out that the file calls bad")
     return np.flatnonzero(good)[order], w, words
+
+
+def _in_um(centre, axis):
+    return 1e4 / centre if axis == "cm-1" else centre / PER_UM[axis]
 
 
 def _to_our_unit(unit, jacobian):
@@ -170,7 +207,7 @@ def _radiance(raw, kept, gain, offset, progress):
     if (ignored % size).any():  # a band without any measurement is a dead one, and found later
         raise InputError(
             f"cube: {ignored.max()} of {size} pixels hold the data ignore value {raw.ignore:g}; "
-            "cut out a part without them."
+            "cut out a part without them by --rows and --columns."
         )
     radiance.setflags(write=False)
     return radiance
@@ -179,7 +216,7 @@ def _radiance(raw, kept, gain, offset, progress):
 def _typical_k(radiance, w, unit):
     """Words on the brightness temperature (K) that half of the scene exceeds.
 
-    Raises InputError where it is not POSSIBLE_K.
+    Raises InputError where it is not within TYPICAL_K.
     """
     step = max(1, radiance[0].size // SAMPLES)
     bands = scratch.parts(radiance)
@@ -200,7 +237,7 @@ def _typical_k(radiance, w, unit):
     # by factor, so that two names of one unit are one
     fit = {UNITS[u]: (u, t) for u in UNITS if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.values()) or "no unit that is known fits"
-    if POSSIBLE_K[0] <= here <= POSSIBLE_K[1]:
+    if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         return f"{here:.0f} K, which is unusual ({fit})"
     raise InputError(
         f"cube: in {unit} half of it would be warmer than {here:.4g} K; give the right --unit "

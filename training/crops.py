@@ -9,7 +9,6 @@ import torch
 from torch.utils.data import Dataset
 
 from physics.bad_bands import without_bad_bands
-from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
@@ -22,7 +21,7 @@ class Crops(Dataset):
     at most side x side pixels.
 
     The Sample has `known` and `radiance`; the rest, truth, is None. Raises InputError where
-    the library does not cover a cube's bands, or a cube is a single pixel.
+    the library does not cover a cube's bands.
     """
 
     def __init__(self, cubes, library, seed, side):
@@ -30,11 +29,6 @@ class Crops(Dataset):
         for cube in cubes:
             cube = without_bad_bands(cube)[0].with_netd()
             most = min(OBJECTS[1], cube.shape[0] * cube.shape[1])
-            if most < OBJECTS[0]:
-                raise InputError(
-                    f"finetune: a cube of {most} pixel is too small to learn from; it needs "
-                    f"{OBJECTS[0]} or more."
-                )
             known = []
             for k in range(OBJECTS[0], most + 1):
                 arrays = known_arrays(cube, library, estimate_environment(cube, library, k))

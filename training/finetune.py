@@ -19,9 +19,10 @@ import torch
 
 from physics.provenance import fingerprint
 from texnet.learned import check_device
+from texnet.library_io import with_sky
 
 from .crops import Crops
-from .reshade import ReshadedSet, with_sky
+from .reshade import ReshadedSet
 from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
 
 LEARNING_RATE = 5e-4  # a quarter of training's

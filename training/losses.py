@@ -47,13 +47,14 @@ def supervised_loss(prediction, sample):
 
 def eq1_loss(prediction, known, radiance):
     """Scalar physics loss of a prediction for radiance (bands, height, width)."""
-    wavelength = known.nodes_um.mean(1)
     p = prediction.log_material.exp()
-    emissivity = known.emissivity.mean(-1)
-    netd_k = (known.sigma / noise_sigma(wavelength, 1.0)).mean()
+    emissivity = (p.movedim(0, -1) @ known.emissivity.flatten(1)).unflatten(
+        -1, known.nodes_um.shape
+    )
     misfit = physics_loss(
-        radiance.movedim(0, -1), prediction.temperature_k, p.movedim(0, -1) @ emissivity,
-        prediction.log_lighting.exp().movedim(0, -1), known.environment, wavelength, netd_k,
+        radiance.movedim(0, -1), prediction.temperature_k, emissivity,
+        prediction.log_lighting.exp().movedim(0, -1), known.environment, known.nodes_um,
+        known.sigma,
     )  # fmt: skip
     ground = 1 - (p * known.is_sky[:, None, None]).sum(0).detach()
     return (ground * torch.log1p(misfit)).sum() / ground.sum().clamp(min=1.0)

@@ -15,6 +15,7 @@ from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.presets.random_scene import random_scene
 from physics.simulator.traced import TracedScene, trace_scene
+from texnet.library_io import with_sky
 
 from .scenes import BASE_SEED, Record, SceneSet, Settings, of_seed
 
@@ -111,26 +112,3 @@ def trace(settings, split, i):
     return of_seed(
         lambda seed: trace_scene(random_scene(seed), size, settings.spp, seed, grey), split, i
     )
-
-
-def with_sky(library):
-    """The library, with the starter library's sky where it has none.
-
-    The curves then meet on both libraries' wavelengths, where both have data. Raises
-    InputError where that is nowhere.
-    """
-    if library.sky_index is not None:
-        return library
-    starter = MaterialLibrary.starter()
-    w = np.union1d(library.wavelength_um, starter.wavelength_um)
-    low, high = (
-        f(library.wavelength_um[at], starter.wavelength_um[at]) for f, at in ((max, 0), (min, -1))
-    )
-    w = w[(w >= low) & (w <= high)]
-    if w.size == 0:
-        raise InputError(
-            f"library: it has no sky, and the starter library's covers 7.5-14.5 um, "
-            f"not {library.wavelength_um[0]:g}-{library.wavelength_um[-1]:g} um."
-        )
-    sky = starter.at(w)[starter.sky_index]
-    return MaterialLibrary((*library.names, SKY), w, np.vstack([library.at(w), sky]))

@@ -1,8 +1,8 @@
 """What the network learns from: one scene as some instrument and some library would see it.
 
-From a clean Record at 100 narrow bands, each draw makes other bands (4 to 100, equidistant
+From a clean Record at 100 narrow bands, each draw makes other bands (3 to 100, equidistant
 over part of 8-14 um with or without gaps, or any), other noise (10 to 200 mK), another number
-of environment objects (2 to 8, estimated from the noisy cube itself) and another library: the
+of environment objects (1 to 8, estimated from the noisy cube itself) and another library: the
 scene's own materials among others, in any order, each curve a little wrong. Half of the draws
 have 9 bands or fewer, where spectra say least and the surroundings most, and half are the
 scene's mirror image.
@@ -21,7 +21,7 @@ from physics.library import SKY, MaterialLibrary
 from physics.simulator.sensor import add_noise
 from texnet.network import stem
 
-BANDS, NETD_K, OBJECTS = (4, 100), (0.01, 0.2), (2, 8)
+BANDS, NETD_K, OBJECTS = (3, 100), (0.01, 0.2), (1, 8)
 MATERIALS = 6  # at least, in a library
 ANY_BANDS = 0.2  # of the draws: bands that are not equidistant
 CURVE_ERROR = 0.01  # largest standard deviation of a library's error
@@ -87,7 +87,7 @@ def _bands(fine_um, rng):
     """Weights (bands, fine) of box bands made of fine ones, centres and widths (bands,) um."""
     fine, step = len(fine_um), fine_um[1] - fine_um[0]
     least, most = np.log(BANDS)
-    n = min(fine, round(float(np.exp(least + (most - least) * rng.random() ** 2))))
+    n = min(fine, round(float(np.exp(least + (most - least) * rng.random() ** 1.5))))
     if n < fine and rng.random() < ANY_BANDS:
         pick = np.sort(rng.choice(fine, n, replace=False))
         return np.eye(fine)[pick], fine_um[pick], np.full(n, step)

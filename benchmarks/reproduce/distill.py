@@ -122,7 +122,7 @@ def fit_lighting(x, environment):
 # --- drawing -----------------------------------------------------------------------------
 
 TITLES = {
-    "X~": "X~: all k objects", "ground": "those on the ground", "sky": "the sky's alone",
+    "X~": "X from all objects", "ground": "from the ground", "sky": "from the sky",
     "delta": "residual δ", "fused": "fused texture",
 }  # fmt: skip
 LARGEST_DELTA = 100.0  # noise units; above only leaves against the sky
