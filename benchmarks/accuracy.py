@@ -78,16 +78,19 @@ def table(rows):
                 yield f"{bands:5d} {method:8}" + "".join(f"{m:16.3f}" for m in means)
 
 
-def differences(rows, of="net+sgd", against="local"):
-    """Lines of text: per number of bands and error, the mean over scenes of one method's less the
-    other's, its standard error, and in how many scenes it is the better."""
-    yield f"{of} less {against}: mean, standard error, better in so many scenes"
+def differences(rows):
+    """Lines of text: per number of bands and error, the mean over scenes of net+sgd's less local's,
+    its standard error, and in how many scenes it is the better."""
+    yield "net+sgd less local: mean, standard error, better in so many scenes"
     error = {(r["bands"], r["scene"], r["method"]): r for r in rows}
     for bands in sorted({r["bands"] for r in rows}):
         scenes = {r["scene"] for r in rows if r["bands"] == bands}
         for name in ERRORS:
-            pairs = [[error[bands, scene, m][name] for m in (of, against)] for scene in scenes]
-            less = [a - b for a, b in pairs if np.isfinite(a - b)]
+            ours, theirs = (
+                np.array([error[bands, scene, m][name] for scene in scenes])
+                for m in ("net+sgd", "local")
+            )
+            less = (ours - theirs)[np.isfinite(ours - theirs)]
             better = sum(d < 0 if name in LESS_IS_BETTER else d > 0 for d in less)
             yield (
                 f"{bands:5d} {name:22} {np.mean(less):8.3f} "

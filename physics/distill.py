@@ -56,6 +56,6 @@ def distill(model, spectra, row, temperature_k, thermal_lighting):
         v = v[:, objects]
         lit[index] = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # numpy is one thread
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of it is one thread of numpy
         list(pool.map(of_group, groups(row)))
     return texture, lit if objects else residual, residual

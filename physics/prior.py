@@ -5,13 +5,13 @@ import numpy as np
 from .planck import brightness_temperature
 
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
-SAMPLES = 6000  # pixels to look at
+SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
 
 
-def scene_temperatures(cube, samples=20000):
+def scene_temperatures(cube):
     """(n,) brightness temperatures in K of a regular subsample of a HeatCube's pixels."""
-    return brightness_temperature(cube.wavelength_um, cube.sample(samples)).mean(axis=1)
+    return brightness_temperature(cube.wavelength_um, cube.sample(SAMPLES)).mean(axis=1)
 
 
 def usual_temperature(cube, environment):
@@ -20,7 +20,7 @@ def usual_temperature(cube, environment):
     looks nearly as warm as they where the sky is opaque. Nor is it less than the sky's own there,
     which is about the air's: mirrors of the clear sky overhead look colder than the sky in view.
     """
-    s = cube.sample(SAMPLES)
+    s = cube.sample(USUAL_SAMPLES)
     t = brightness_temperature(cube.wavelength_um, s).max(axis=1)
     if environment.sky_mean is None:
         return float(np.median(t))

@@ -46,6 +46,7 @@ MEAN_FIELD_SWEEPS = 10
 MAX_ROUNDS = 12
 MIN_GAIN_NATS = 1e-3  # for a pixel to change material: far above the tables' rounding
 TOLERANCE_NATS = 1e-4  # per pixel
+SHARE_SWEEPS, SHARE_SAMPLES = 5, 20_000  # of the search for the shares of the materials
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +61,12 @@ class State:
     row: np.ndarray
 
 
-def material_shares(energy, sweeps=5, samples=20000):
+def material_shares(energy):
     """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation."""
-    u = energy[:: max(1, len(energy) // samples)].astype(np.float64)
+    u = energy[:: max(1, len(energy) // SHARE_SAMPLES)].astype(np.float64)
     likelihood = np.exp(u.min(axis=1, keepdims=True) - u)
     pi = np.full(u.shape[1], 1.0 / u.shape[1])
-    for _ in range(sweeps):
+    for _ in range(SHARE_SWEEPS):
         posterior = likelihood * pi
         pi = (posterior / posterior.sum(axis=1, keepdims=True)).mean(axis=0)
     floor = 1.0 / u.size  # a rare material stays possible
