@@ -18,10 +18,9 @@ import numpy as np
 from sklearn.cluster import KMeans
 
 from physics.environment import Environment
-from physics.eq1 import physics_loss
 from physics.library import SKY
 from physics.local import solve_local
-from physics.reduced import V_PRECISION, reduce_model
+from physics.reduced import V_PRECISION, groups, reduce_model
 from physics.semiglobal import Objective, refine, unsmoothed
 from texnet.pipeline import Decomposition
 
@@ -100,11 +99,11 @@ def _objective(cube, library, environment):
 
 def _misfit(cube, objective, state):
     """(P,) root mean square of S~ - S in noise units."""
-    model = objective.model
-    return np.sqrt(physics_loss(
-        cube.spectra, state.temperature_k, model.emissivity[state.row], state.thermal_lighting,
-        model.environment.radiance, model.wavelength_um, cube.netd_k,
-    ))  # fmt: skip
+    model, misfit = objective.model, np.empty(len(state.row))
+    for r, index in groups(state.row):
+        s = model.rendered(r, state.temperature_k[index], state.thermal_lighting[index])
+        misfit[index] = np.sqrt(((cube.spectra[index] / model.sigma - s) ** 2).mean(axis=1))
+    return misfit
 
 
 def _sky_objects(spectra, radiance, is_sky):

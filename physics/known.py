@@ -11,7 +11,8 @@ TERMS = 5  # of the series of Planck's law in `evidence`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
 MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
-HOT_SIGMAS = 5.0  # the hottest pixel but a few is at most so many prior deviations from the mean
+# the hottest pixel but a few is at most so many prior deviations from the mean, where MAX_T allows
+HOT_SIGMAS = 5.0
 # of the farthest but one in two hundred, beyond which a pixel (a fire, a defect) is left to itself:
 # what the prior must span for it would blur all others
 FAR = 1.5

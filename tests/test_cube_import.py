@@ -543,7 +543,7 @@ def test_what_has_no_measurement_can_be_cut_off(tmp_path, capfd, in_parts):
         (["--rows", "2:"], "no rows 2:, only 2 of them"),
         (["--columns", "3:3"], "no columns 3:3, only 4"),
         (["--columns", "1-3"], "need FROM:TO such as 10:500"),
-        (["--range", "3:5"], "no band lies within 3-5 um; they lie at 8-13.89 um"),
+        (["--range", "3:5"], "no good band lies within 3-5 um; they lie at 8-13.89 um"),
     ],
 )
 def test_parts_that_are_not_there(tmp_path, capfd, flags, sentence):

@@ -143,8 +143,13 @@ def test_the_starter_librarys_sky_is_added_when_asked_for(tmp_path):
     assert library.names == (*solid, "sky") and "the starter library's sky" in note
     np.testing.assert_allclose(library.at(w)[-1], starter.at(w)[starter.sky_index], atol=1e-12)
     np.testing.assert_allclose(library.at(w)[:-1], 0.9)
+    assert "13.89 um in common" in note
+    many = [f"rock{i}" for i in range(20)]
+    write_csv(path, "wavenumber_cm1", nu, np.full((20, 30), 0.9), many)
+    hue = np.sort(import_library(path, add_sky=True)[0].hue_deg)
+    assert np.diff([*hue, hue[0] + 360]).min() > 8  # evenly they would be 17 apart
     with pytest.raises(InputError, match="leave out --add-sky"):
-        import_library(path, sky=solid[0], add_sky=True)
+        import_library(path, sky="rock0", add_sky=True)
 
 
 def test_percent_fraction_and_other_spellings(tmp_path):

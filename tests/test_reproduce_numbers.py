@@ -70,6 +70,10 @@ def test_no_unbiased_fit_beats_the_bound(make_pixels):
     bound = bounds(cube, truth_of(p, (40, 50)), p.environment)["temperature_mse_k2"]
     mse = ((d.temperature_k.ravel() - p.temperature) ** 2).mean()
     assert mse == pytest.approx(bound, rel=4 * np.sqrt(2 / 2000))
+    # T and one V are fitted to the noise
+    free = cube.bands - 2
+    chi2 = (d.residual**2).mean() * cube.bands
+    assert chi2 == pytest.approx(free, abs=4 * np.sqrt(2 * free / 2000) + 0.1)
 
 
 def test_environments_of_the_paper_are_means_of_pixels():

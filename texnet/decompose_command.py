@@ -180,7 +180,7 @@ def _summary(r):
     if not r["sky_in_library"]:
         lines.append(
             "Sky          the library has none: sky pixels get other names, and texture is the "
-            "residual (library import --add-sky)"
+            "residual; import it with --add-sky, or add a material named sky"
         )
     elif not r["sky_in_view"]:
         lines.append(

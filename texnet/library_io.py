@@ -74,7 +74,12 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     if add_sky and SKY in names:
         raise InputError(f"library: it has a material {SKY!r} already; leave out --add-sky.")
     if add_sky:
-        library, words_on_sky = with_sky(library), ["with the starter library's sky"]
+        full = with_sky(library)
+        low, high = full.wavelength_um[[0, -1]]
+        words_on_sky = [f"with the starter library's sky, {low:.4g}-{high:.4g} um in common"]
+        library = MaterialLibrary(  # anew, so that hues leave room for the sky's
+            full.names, full.wavelength_um, full.emissivity, descriptions=full.descriptions
+        )
     elif SKY not in names:
         words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
     note = "; ".join([*words, *clipped, *words_on_sky])

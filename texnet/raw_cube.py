@@ -85,12 +85,14 @@ def part_of(raw, rows=None, columns=None, range_um=None):
         of_file, cut = raw.numbers, (slice(None), rows or slice(None), columns or slice(None))
         raw = raw._replace(numbers=lambda: of_file()[cut])
     if range_um is not None:
-        w = _in_um(raw.centre, raw.axis)
+        good = np.ones(len(raw.centre), bool) if raw.good is None else raw.good
+        with np.errstate(divide="ignore"):  # a bad band's centre may be anything
+            w = _in_um(raw.centre, raw.axis)
         wanted = (w >= range_um[0]) & (w <= range_um[1])
-        if not wanted.any():
+        if good.any() and not (wanted & good).any():
             raise InputError(
-                f"cube: no band lies within {range_um[0]:g}-{range_um[1]:g} um; they lie at "
-                f"{w.min():.4g}-{w.max():.4g} um."
+                f"cube: no good band lies within {range_um[0]:g}-{range_um[1]:g} um; they lie at "
+                f"{w[good].min():.4g}-{w[good].max():.4g} um."
             )
         words.append(f"{wanted.sum()} bands within {range_um[0]:g}-{range_um[1]:g} um")
         raw = raw._replace(wanted=wanted)
