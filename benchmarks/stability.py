@@ -483,7 +483,8 @@ def draw(rows, path):
         top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
         top.yaxis.set_minor_formatter(NullFormatter())
         bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="share")
-        bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=9)
+        small = 9 if len(axis.levels) < 8 else 7
+        bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=small)
     handles = top.get_legend_handles_labels()
     figure.suptitle("Above: mean error of T; below: share of pixels with the right material")
     figure.legend(*handles, loc="outside lower center", ncols=3)

@@ -399,6 +399,13 @@ def test_strings_of_a_cell_array(tmp_path, names):
     assert held == [n.rstrip() for n in names]
 
 
+def test_a_name_with_a_line_break_is_damage(tmp_path):
+    path = mat(tmp_path / "lib.mat", matLib=E[:, :4].T, matName=cells(NAMES))
+    path.write_bytes(path.read_bytes().replace(b"matLib", b"m\ntLib"))
+    with pytest.raises(InputError, match="is not a whole .mat file"):
+        import_library(path, (760, 790))
+
+
 @given(seed=st.integers(0, 2**32 - 1), compress=st.booleans())
 @settings(ANY, max_examples=300)
 def test_damaged_files_never_crash(tmp_path, seed, compress):

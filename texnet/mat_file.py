@@ -74,8 +74,8 @@ def _variable(body):
     flags = struct.unpack("<II", parts[0][1])[0]
     kind = flags & 0xFF
     if kind == OPAQUE:  # an object, which has no dimensions
-        return bytes(parts[1][1]).decode("latin-1"), None
-    shape, name = np.frombuffer(parts[1][1], "<i4"), bytes(parts[2][1]).decode("latin-1")
+        return _name(parts[1][1]), None
+    shape, name = np.frombuffer(parts[1][1], "<i4"), _name(parts[2][1])
     if (shape < 0).any():
         raise ValueError("negative dimensions")
     if kind in NUMERIC and not flags & COMPLEX:
@@ -89,6 +89,13 @@ def _variable(body):
     if kind == CELL:
         return name, _strings(parts[3:])
     return name, None
+
+
+def _name(text):
+    name = bytes(text).decode("ascii")
+    if not name.isprintable():
+        raise ValueError("a name with control characters")
+    return name
 
 
 def _rows(shape, stored, text):
