@@ -96,7 +96,8 @@ class HeatCube:
         if not low <= typical_k <= high:
             raise InputError(
                 f"cube: half of it looks {'hotter' if typical_k > high else 'colder'} than "
-                f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1, as texnet import makes it."
+                f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1, as texnet import makes it "
+                "(1 microflick is 0.01 of it)."
             )
         for band, limit in zip(scratch.parts(s), planck_radiance(w, MAX_K), strict=True):
             if band.max() <= limit:  # not so with a NaN
@@ -203,7 +204,7 @@ class HeatCube:
         else:
             raise InputError(
                 "cube: its NETD is not known; to estimate it takes 12 bands and more than twice as "
-                "many pixels, or three rows and columns. State it, as netd_k in an npz file or by "
+                "many pixels, or three rows and columns; state it, as netd_k in an npz file or by "
                 "import --netd."
             )
         netd = float(np.clip(netd, 1e-3, MAX_NETD_K))
