@@ -53,7 +53,8 @@ class Environment:
         known = all(type(j) is int and j in range(len(s)) for j in sky)
         if len(set(sky)) != len(sky) or not known:
             raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
-        if not 0 <= numbers(self.error_k, "environment: error_k") < 100:
+        error = numbers(self.error_k, "environment: error_k")
+        if error.ndim or not 0 <= error < 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))
         names = ("spread", "skylight_spread", "sky_spread")

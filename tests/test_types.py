@@ -155,6 +155,9 @@ def test_wrong_libraries(change, word):
         (dict(error_k=-0.1), "error_k"),
         (dict(error_k=np.nan), "error_k"),
         (dict(error_k=200.0), "error_k"),
+        (dict(error_k=[0.1, 0.2]), "error_k"),
+        (dict(error_k="x"), "error_k"),
+        (dict(sky_mean=np.zeros(5)), "sky_mean must be positive"),
     ],
 )
 def test_wrong_environments(change, word):
