@@ -1,11 +1,12 @@
 """What each part of the network and of its loss earns: short trainings, one change each.
 
-    python -m benchmarks.ablation --out DIR [--cache DIR] [--epochs N]
+    python -m benchmarks.ablation --out DIR [--cache DIR] [--epochs N] [--variants NAME ...]
 
 All variants see the same draws of the scenes of `texnet train`, in one run, for a fifth of its
 epochs, and are measured on the validation scenes, the network alone: cross entropy, accuracy,
 T RMSE, each a mean over two seeds. `seeds` is half the difference that the seed makes in cross
-entropy, `standard_error` that of the difference to the shipped form over the scenes. Costs are
+entropy, `standard_error` that of the difference to the first variant, which is the shipped form
+unless others are named, over the scenes. Costs are
 parameters, and multiply-adds per pixel of the convolutions. Writes ablation.csv, ablation.png and
 the weights of the first seed, VARIANT.safetensors, for `texnet bench chart --network`; a stopped
 run goes on from its last epoch.
@@ -25,9 +26,8 @@ from texnet.weights import save_network
 from training import train
 from training.scenes import SceneSet
 
-SHIPPED = "width 48"
 VARIANTS = {
-    SHIPPED: {},
+    "width 48": {},  # the shipped form
     "width 24": {"width": 24},
     "width 16": {"width": 16},
     "cells of 4 x 4": {"stride": 4, "dilations": (1, 2, 1)},
@@ -54,8 +54,8 @@ class Together(train.Training):
             torch.nn.utils.clip_grad_norm_(t.parameters(), gradient_clip_val)
 
 
-def compare(out, cache, epochs, progress=None):
-    """Train all variants, write weights into out -> a row of costs and validation metrics each."""
+def compare(out, cache, epochs, variants=tuple(VARIANTS), progress=None):
+    """Train variants, write weights into out -> a row of costs and validation metrics each."""
     sets = [
         SceneSet(cache, "train", train.SCENES),
         SceneSet(cache, "validation", train.VALIDATION_SCENES),
@@ -64,14 +64,16 @@ def compare(out, cache, epochs, progress=None):
         s.make()
     trainings = {}
     steps = epochs * train.PER_EPOCH // train.TOGETHER
-    for name, change in VARIANTS.items():
+    for name in variants:
+        change = VARIANTS[name]
         of_network = {n: v for n, v in change.items() if n != "terms"}
         for seed in SEEDS:
             lightning.seed_everything(seed, verbose=False)
             trainings[f"{name}, seed {seed}"] = train.Training(
                 TeXNet(**of_network), steps, change.get("terms", "both")
             )
-    what = dict(variants=VARIANTS, seeds=SEEDS, epochs=epochs, data=sets[0].folder.name)
+    what = dict(variants={name: VARIANTS[name] for name in variants}, seeds=SEEDS, epochs=epochs)
+    what["data"] = sets[0].folder.name
     train.fit(
         Together(trainings, steps), train.Draws(sets[0], SEEDS[0], train.SIDE), None,
         cache / "runs" / train.run_name(what), epochs=epochs, progress=progress,
@@ -86,14 +88,14 @@ def compare(out, cache, epochs, progress=None):
                 metrics[name].append({n: float(v) for n, v in t.measures(sample, s).items()})
     of_seeds = lambda name: [metrics[f"{name}, seed {seed}"] for seed in SEEDS]  # noqa: E731
     network = lambda name: trainings[f"{name}, seed {SEEDS[0]}"].network  # noqa: E731
-    for name in VARIANTS:
+    for name in variants:
         save_network(network(name), out / f"{name}.safetensors", what | {"variant": name})
-    return [_row(n, network(n), of_seeds(n), of_seeds(SHIPPED)) for n in VARIANTS]
+    return [_row(n, network(n), of_seeds(n), of_seeds(variants[0])) for n in variants]
 
 
-def _row(name, network, metrics, shipped):
+def _row(name, network, metrics, first):
     entropy = lambda m: np.array([[scene["cross_entropy"] for scene in seed] for seed in m])  # noqa: E731
-    more = (entropy(metrics) - entropy(shipped)).mean(0)
+    more = (entropy(metrics) - entropy(first)).mean(0)
     return {
         "variant": name,
         "parameters": sum(p.numel() for p in network.parameters()),
@@ -115,10 +117,11 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "texnet")
     parser.add_argument("--epochs", type=int, default=EPOCHS)
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     with progress_bar() as report:
-        rows = compare(args.out, args.cache, args.epochs, report)
+        rows = compare(args.out, args.cache, args.epochs, args.variants, report)
     for row in rows:
         print(row, flush=True)
     write_csv(args.out / "ablation.csv", rows)

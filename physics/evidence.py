@@ -1,4 +1,4 @@
-"""Every material's evidence for every pixel, in one matrix product.
+"""Every material's evidence for every pixel, in a matrix product.
 
 Let T and V of Eq. 4 have Gaussian priors instead of bounds, and write B(T) as a series in
 Hermite polynomials of t = (T - T_0) / tau, whose coefficients are uncorrelated with unit
@@ -20,10 +20,9 @@ which the scene's spectra differ by more than noise. With U C_h U' = L L',
     x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
 
 are the evidence, and mean and covariance of x = (x_V, x_T) given z: any other x costs
-(x - x^)' S^-1 (x - x^) / 2 nats, from which `refinement` goes on. |w|^2 is a quadratic form, so
-the evidence of all hypotheses is one product of a matrix with the 1, z_i and z_i z_j of a pixel.
-Components are scaled by how far spectra differ in them, which makes z of order one: float32 is
-enough for the pixels, but not for the quadratic form, whose coefficients reach 1e8.
+(x - x^)' S^-1 (x - x^) / 2 nats, from which `refinement` goes on. w and x^ of all hypotheses are
+one product of a matrix with a pixel's z and 1. Components are scaled by how far spectra differ in
+them, which makes z of order one, and |w|^2 is a sum of squares: float32 is enough for the pixels.
 
 This is what `local` computes exactly and far more slowly; it ranks materials almost as well,
 and a network can start from it. Plain torch operations of static shape in everything but sizes:
@@ -41,7 +40,6 @@ from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
 
 QUADRATURE = 16
 BLOCK = 6  # of the factorisation
-HALF = MAX_COMPONENTS // 2
 
 
 class Known(NamedTuple):
@@ -81,12 +79,11 @@ class Hypotheses(NamedTuple):
 
     share (R,) alpha; emissivity (materials, bands) band means; rim (R, bands) what one standard
     deviation of alpha changes, W m-2 sr-1 um-1; centre (bands,) and look (d, bands):
-    z = look (s - centre); square (R, 3 HALF^2) of the products of the z_i,
-    slope (R, d) and offset (R,) of the evidence in z;
-    to_x (R r, d) and x_0 (R, r): x^ in z; precision (R, r, r) S^-1 and half its log_det (R,);
+    z = look (s - centre); to_w (R d, d + 1) and to_x (R r, d + 1): w and x^ in z and 1;
+    offset (R,) log p(z | h) where w is 0; precision (R, r, r) S^-1 and half its log_det (R,);
     to_deviation (R, q - r, d), deviation_0 (R, q - r) and lean (R, q - r, r): the likeliest
-    deviations are to_deviation z + deviation_0 - lean (x - x^). precision and what is for the
-    evidence are float64, all else float32.
+    deviations are to_deviation z + deviation_0 - lean (x - x^). precision and log_det are
+    float64, all else float32.
     """
 
     share: torch.Tensor
@@ -94,11 +91,9 @@ class Hypotheses(NamedTuple):
     rim: torch.Tensor
     centre: torch.Tensor
     look: torch.Tensor
-    square: torch.Tensor
-    slope: torch.Tensor
-    offset: torch.Tensor
+    to_w: torch.Tensor
     to_x: torch.Tensor
-    x_0: torch.Tensor
+    offset: torch.Tensor
     precision: torch.Tensor
     log_det: torch.Tensor
     to_deviation: torch.Tensor
@@ -156,22 +151,20 @@ def hypotheses(known: Known) -> Hypotheses:
     of_d, of_x = of_d @ inverse.transpose(1, 2), of_x @ inverse.transpose(1, 2)  # (L^-1 U F')'
     centre = mean.mean(dim=0)
     means = (mean - centre) @ basis.T
-    to_w = inverse / scale  # w = to_w z + w_0
     w_0 = -(inverse @ means[..., None])
+    to_w = torch.cat([inverse / scale, w_0], dim=2)
     return Hypotheses(
         share=share.float(),
         emissivity=emissivity.float(),
         rim=rim.float(),
         centre=centre.float(),
         look=known.basis.float(),
-        square=_of_products(to_w.transpose(1, 2) @ to_w),
-        slope=2 * (to_w.transpose(1, 2) @ w_0)[..., 0],
-        offset=prior - log_det(lower) - 0.5 * (w_0**2).sum(dim=(1, 2)),
+        to_w=to_w.flatten(0, 1).float(),
         to_x=(of_x @ to_w).flatten(0, 1).float(),
-        x_0=(of_x @ w_0)[..., 0].float(),
+        offset=(prior - log_det(lower)).float(),
         precision=precision,
         log_det=log_det(root),
-        to_deviation=(of_d @ to_w).float(),
+        to_deviation=(of_d @ to_w[..., :-1]).float(),
         deviation_0=(of_d @ w_0)[..., 0].float(),
         lean=(of_d @ of_x.transpose(1, 2) @ precision).float(),
     )
@@ -193,28 +186,10 @@ _NEVER = 1e15  # nats; misfits reach 1e12
 def evidence(h: Hypotheses, s):
     """log p(z | h) (R, P), x^ (R, r, P) and z (d, P) of noise-scaled spectra s (bands, P)."""
     z = h.look @ (s - h.centre[:, None])
-    d = z.double()
-    across, within = _products(d)
-    square = h.square[:, : HALF**2] @ across + h.square[:, HALF**2 :] @ within
-    log_p = h.offset[:, None] - 0.5 * (square + h.slope @ d)
-    x = torch.addmm(h.x_0.reshape(-1, 1), h.to_x, z).reshape(*h.x_0.shape, -1)
-    return log_p.to(s.dtype), x, z
-
-
-def _products(z):
-    """(HALF^2, P) z_i z_j for i in the lower and j in the upper half of MAX_COMPONENTS, and
-    (2 HALF^2, P) for both in the one or both in the other half, of z (d, P)."""
-    z = _eye(MAX_COMPONENTS, z.shape[0], z) @ z
-    z = z.reshape(2, HALF, -1)
-    return (z[0][:, None] * z[1]).flatten(0, 1), (z[:, :, None] * z[:, None]).flatten(0, 2)
-
-
-def _of_products(form):
-    """(R, 3 HALF^2) what multiplies `_products` in quadratic forms (R, d, d)."""
-    pad = _eye(MAX_COMPONENTS, form.shape[1], form)
-    form = (pad @ form @ pad.T).reshape(-1, 2, HALF, 2, HALF)
-    parts = 2 * form[:, 0, :, 1], form[:, 0, :, 0], form[:, 1, :, 1]
-    return torch.cat([part.flatten(1) for part in parts], dim=1)
+    and_1 = torch.cat([z, torch.ones_like(z[:1])])
+    each = (h.offset.shape[0], -1)
+    w, x = (h.to_w @ and_1).unflatten(0, each), (h.to_x @ and_1).unflatten(0, each)
+    return h.offset[:, None] - 0.5 * (w * w).sum(1), x, z
 
 
 def hermite(t):

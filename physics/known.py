@@ -66,12 +66,12 @@ def known_arrays(cube, library, environment):
 
 
 def bytes_per_pixel(known):
-    """About what a pixel takes in evidence, network, refinement and texture, by known_arrays."""
+    """About what a pixel takes, at most, on its way to an answer, by known_arrays: w of all
+    hypotheses and its squares, or the matrices of those refined, and what lives throughout."""
     materials, bands, nodes = known["emissivity"].shape
     unknowns = len(known["environment"]) + TERMS
-    of_evidence = 6 * MAX_COMPONENTS**2 + 4 * 2 * materials * (unknowns + 6)
-    of_answer = 36 * unknowns**2 + 24 * (bands * nodes + materials)
-    return of_evidence + of_answer + 1000
+    at_its_peak = max(8 * materials * (2 * MAX_COMPONENTS + 6), 44 * unknowns**2)
+    return at_its_peak + 8 * materials * unknowns + 16 * bands * nodes + 1500
 
 
 def _basis(s, cube, emissivity, environment, mean_k, spread_k):

@@ -66,7 +66,7 @@ def stem(known: Known, radiance):
     log_pure, log_mixed = -(more.relu() + log_sum), -((-more).relu() + log_sum)
     t = x[:, k].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))
     best = per_row.argmax(dim=0)
-    v = x.gather(0, best.expand(1, x.shape[1], -1))[0, :k]
+    v = x.gather(0, best.expand(1, k, -1))[0]
     v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
     return Stem(
         x=x, z=z, log_evidence=torch.maximum(pure, mixed) + log_sum,
@@ -86,6 +86,11 @@ def log_add(a, b):
 def _log_1p_exp(x):
     """log(1 + exp x) of x <= 0; in ONNX, torch's own is far slower or overflows."""
     return torch.log(1 + torch.exp(x))
+
+
+def _softplus(x):
+    """log(1 + exp x); as above."""
+    return x.relu() + _log_1p_exp(-x.abs())
 
 
 class Prediction(NamedTuple):
@@ -174,10 +179,10 @@ class TeXNet(nn.Module):
         out = out[0].reshape(-1, height * width)
         n = CODE + LIGHT_CODE
 
-        trust = functional.softplus(out[n] + 0.5413)  # 1 at first
+        trust = _softplus(out[n] + 0.5413)  # 1 at first
         logits = trust * log_evidence + curve @ out[:CODE]
         for i in range(self.config["messages"]):
-            weight = functional.softplus(out[n + 3 + 8 * i : n + 11 + 8 * i] - 1.0)
+            weight = _softplus(out[n + 3 + 8 * i : n + 11 + 8 * i] - 1.0)
             logits = logits + _messages(
                 torch.softmax(logits, 0).reshape(-1, height, width),
                 weight.reshape(8, height, width), 1 + i,
@@ -185,7 +190,7 @@ class TeXNet(nn.Module):
         log_material = torch.log_softmax(logits, 0)
         t = (log_material.exp() * s.t).sum(0)
         temperature = (prior + deviation * t + out[n + 2]).clamp(min=COLDEST_K)
-        share = functional.softplus(out[n + 1] + 0.5413)
+        share = _softplus(out[n + 1] + 0.5413)
         lighting = share * torch.log(s.lighting + 0.03) + light @ out[CODE:n]
         maps = lambda a: a.reshape(*a.shape[:-1], height, width)  # noqa: E731
         return Prediction(
