@@ -16,8 +16,8 @@ row of stability.csv:
                            deviations that the Cramer-Rao bound allows it (median over pixels)
     failure                what was raised, or what is not finite; empty if nothing
 
-missing.csv has, for each of MISSING test scenes and each of its commonest materials, what is said
-of that material's pixels where the library lacks it:
+missing.csv has, for each random scene of `benchmarks.accuracy` and each of its commonest materials,
+what is said of that material's pixels where the library lacks it:
 
     covered       share of them that are unknown, or whose error of T is within two sigmas
     unknown       share of them that are unknown
@@ -41,6 +41,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks import ONNX
+from benchmarks.accuracy import RANDOM_SCENES, test_scenes
 from benchmarks.rows import read_csv, settings, write_csv
 from physics.bands import equidistant_bands
 from physics.errors import InputError
@@ -68,7 +69,7 @@ COLUMNS = (
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
-MISSING, COMMONEST, LEAST_SHARE = 8, 3, 0.02  # scenes; materials of each, and their least share
+COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
 DOUBT = ("covered", "unknown", "false_alarms", "unknown_else")
 GREY = 0.95  # emissivity that a brightness temperature is corrected for
 FAULT = 1.1
@@ -426,9 +427,8 @@ def measured(axis, level, view, library, model):
             yield row | dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
 
 
-def missing_rows(view, library, model):
+def missing_rows(scene, cube, truth, library, model):
     """Rows of missing.csv of one scene."""
-    cube, truth = shaded(view, library)
     seen = np.array(truth.material_names)[truth.material]
     for name in common(truth)[:COMMONEST]:
         gone = seen == name
@@ -440,7 +440,7 @@ def missing_rows(view, library, model):
             off = np.abs(d.temperature_k - truth.temperature_k)
             right = np.array(d.material_names)[d.material] == seen
             yield {
-                "scene": f"{view.name} {view.seed}", "missing": name, "method": method,
+                "scene": scene, "missing": name, "method": method,
                 "pixels": float(gone.mean()),
                 "covered": float((d.unknown | (off <= 2 * d.temperature_sigma_k))[gone].mean()),
                 "unknown": float(d.unknown[gone].mean()),
@@ -531,13 +531,15 @@ def measure(out, axes=tuple(AXES), progress=None):
             progress(done, len(jobs), axis)
     draw(rows, out / "atlas.png")
     doubt = _read(out / "missing.csv", made)
-    for i in range(MISSING if "material missing" in axes else 0):
-        view = View("random", BASE_SEED["test"] + i)
-        if f"{view.name} {view.seed}" not in {r["scene"] for r in doubt}:
-            doubt += missing_rows(view, library, model)
+    if "material missing" in axes:
+        known = list(dict.fromkeys(r["scene"] for r in doubt))
+        for scene, traced in test_scenes(RANDOM_SCENES, (), known):
+            cube, truth = traced.shade(library, *equidistant_bands(BANDS), NETD_K)
+            doubt += missing_rows(scene, cube, truth, library, model)
             _write(out / "missing.csv", doubt, made)
-        if progress:
-            progress(i + 1, MISSING, "missing")
+            known.append(scene)
+            if progress:
+                progress(len(known), RANDOM_SCENES, "missing")
     return rows, doubt, list(faults(rows))
 
 

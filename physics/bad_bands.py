@@ -22,7 +22,7 @@ was at most 1.02 times the stated one at 20 mK and more.
 
 import numpy as np
 
-from .heat_cube import MAX_NETD_K, HeatCube, lit
+from .heat_cube import MAX_NETD_K, HeatCube, lit, sampling_step
 from .planck import noise_sigma
 
 SAMPLES = 6000  # pixels
@@ -55,9 +55,9 @@ def without_bad_bands(cube):
 def _samples(cube):
     """(n, bands) spectra of some pixels, and their differences from the next pixel but one row
     down, K at 300 K; zeros in bands without light."""
-    size, step = cube.radiance[0].size, cube.shape[1] + 1
-    first = np.arange(0, size, max(1, size // SAMPLES))
-    both = cube.pixels(np.concatenate([first, (first + step) % size]))
+    size, next_to = cube.radiance[0].size, cube.shape[1] + 1
+    first = np.arange(0, size, sampling_step(cube.shape, SAMPLES))
+    both = cube.pixels(np.concatenate([first, (first + next_to) % size]))
     both[:, ~lit(both).all(axis=0)] = 0
     both /= noise_sigma(cube.wavelength_um, 1.0)
     return both[: len(first)], both[: len(first)] - both[len(first) :]

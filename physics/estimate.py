@@ -23,6 +23,7 @@ from sklearn.cluster import KMeans
 from .bands import quadrature
 from .environment import Environment
 from .errors import InputError
+from .heat_cube import lit
 from .overhead import overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
 
@@ -47,7 +48,8 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
              the picture (k = 2), the upper one being the sky if there is any
     seed     of the subsample and of K-means
 
-    Raises InputError for a wrong method or k, or more objects than pixels.
+    Raises InputError for a wrong method or k, more objects than pixels, or a band without light
+    (`bad_bands` leaves such bands out).
     """
     if method not in ("kmeans", "halves"):
         raise InputError(f"environment: method must be kmeans or halves, got {method!r}.")
@@ -62,6 +64,11 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
     spectra = cube.pixels(pick) / cube.sigma
+    if not lit(spectra).all():
+        raise InputError(
+            "environment: the cube has bands or pixels without light; leave such bands out, as "
+            "physics.bad_bands.without_bad_bands does."
+        )
     # K-means begins with what comes first: in this order, that is no matter of where pixels lie
     order = np.argsort(spectra.mean(axis=1), kind="stable")
     spectra = spectra[order]

@@ -36,6 +36,7 @@ import numba
 import numpy as np
 
 from .errors import InputError
+from .heat_cube import sampling_step
 from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 
@@ -61,9 +62,10 @@ class State:
     row: np.ndarray
 
 
-def material_shares(energy):
-    """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation."""
-    u = energy[:: max(1, len(energy) // SHARE_SAMPLES)].astype(np.float64)
+def material_shares(energy, shape):
+    """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation, of energy
+    (P, L) of a picture of that shape."""
+    u = energy[:: sampling_step(shape, SHARE_SAMPLES)].astype(np.float64)
     likelihood = np.exp(u.min(axis=1, keepdims=True) - u)
     pi = np.full(u.shape[1], 1.0 / u.shape[1])
     for _ in range(SHARE_SWEEPS):
@@ -120,7 +122,7 @@ class Objective:
         self.shape = radiance.shape[1:]
         self.spectra = radiance.reshape(len(radiance), -1).T
         self.local = local
-        self.log_share = np.log(material_shares(local.energy)).astype(np.float32)
+        self.log_share = np.log(material_shares(local.energy, self.shape)).astype(np.float32)
         self.unary = local.energy - self.log_share  # of every material at its local optimum
         down, right = (BETA * w for w in edge_weights(radiance, model.sigma))
         row, column = np.zeros((1, self.shape[1])), np.zeros((self.shape[0], 1))

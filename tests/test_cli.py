@@ -10,6 +10,7 @@ from pathlib import Path
 import made_up
 import numpy as np
 import pytest
+from traced import traced
 
 import texnet.cli
 from physics import HeatCube, MaterialLibrary
@@ -338,6 +339,15 @@ def test_a_library_without_sky(capfd, tmp_path, cube, method):
     code, out, err = run(capfd, "decompose", cube, "--out", tmp_path / "out", *words)
     assert code == 0 and "the library has none: sky pixels get other names" in out, err
     assert not last_json(out)["sky_in_library"] and "first row" not in out
+
+
+@pytest.mark.parametrize("name, in_view", [("forest", True), ("room", False)])
+def test_one_object_leaves_no_room_for_the_sky(capfd, tmp_path, name, in_view):
+    write_cube(traced(name)[0], tmp_path / "cube.npz")
+    words = ["--out", tmp_path / "out", "--k", 1, "--json"]
+    code, out, err = run(capfd, "decompose", tmp_path / "cube.npz", *words)
+    assert code == 0 and last_json(out)["sky_in_view"] == in_view, err
+    assert ("none in view" in out) != in_view and ("no object of k = 1" in out) == in_view
 
 
 def test_weights_refine_as_the_onnx_file_does(capfd, tmp_path, cube):

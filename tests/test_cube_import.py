@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from physics import InputError, scratch
+from physics.heat_cube import HeatCube
 from physics.planck import radiance
 from texnet import raw_cube
 from texnet.cli import main
 from texnet.cube_import import import_cube
-from texnet.cube_io import read_cube
+from texnet.cube_io import read_cube, write_cube
 from texnet.raw_cube import UNITS
 
 ANY = settings(
@@ -537,6 +538,26 @@ def test_what_has_no_measurement_can_be_cut_off(tmp_path, capfd, in_parts):
     check_same(read_cube(out), np.delete(S, 2, 0)[:, :, 1:], np.delete(W, 2))
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".exr"])
+def test_a_part_of_a_heat_cube_keeps_its_widths_and_its_noise(tmp_path, suffix):
+    whole = HeatCube(S[::-1], W[::-1], np.linspace(0.1, 0.3, 6), 0.03)
+    write_cube(whole, tmp_path / f"a{suffix}")
+    cube, note = import_cube(tmp_path / f"a{suffix}", columns=slice(1, 3), range_um=(9, 14))
+    there = whole.wavelength_um >= 9
+    np.testing.assert_array_equal(cube.radiance, whole.radiance[there][:, :, 1:3])
+    np.testing.assert_allclose(cube.fwhm_um, whole.fwhm_um[there])
+    assert cube.netd_k == 0.03 and "taken as narrow" not in note
+    assert import_cube(tmp_path / f"a{suffix}", netd_k=0.1)[0].netd_k == 0.1
+
+
+def test_one_band_has_one_centre(tmp_path, capfd):
+    np.save(tmp_path / "a.npy", radiance(11.0, T))
+    words = tmp_path / "a.npy", "--out", tmp_path / "b.npz", *FLAGS, "--wavelengths"
+    assert "give its centre twice" in refused(capfd, *words, "8:14")
+    assert main([str(word) for word in ("import", *words, "11:11")]) == 0
+    np.testing.assert_allclose(read_cube(tmp_path / "b.npz").brightness_temperature_k, T[0])
+
+
 @pytest.mark.parametrize(
     "flags, sentence",
     [
@@ -592,7 +613,7 @@ def test_other_mistakes(tmp_path, capfd):
     assert "no file" in refused(capfd, tmp_path / "gone.hdr", "--out", out)
     assert "use .exr or .npz" in refused(capfd, path, "--out", tmp_path / "b.hdr", *FLAGS)
     (tmp_path / "a.exr").write_bytes(b"")
-    assert "needs no import" in refused(capfd, tmp_path / "a.exr", "--out", out)
+    assert "cube: " in refused(capfd, tmp_path / "a.exr", "--out", out)
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(99))
     assert "save -v7." in refused(capfd, tmp_path / "a.mat", "--out", out)
     path = mat(tmp_path / "a.mat", S=S[0])
@@ -600,7 +621,10 @@ def test_other_mistakes(tmp_path, capfd):
     path = envi(tmp_path / "c", -S)
     assert "zero or negative" in refused(capfd, path, "--out", out, *FLAGS)
     path = envi(tmp_path / "c", S)
-    assert "NETD must be" in refused(capfd, path, "--out", out, *FLAGS, "--netd", "0")
+    assert "need above 0 K" in refused(capfd, path, "--out", out, *FLAGS, "--netd", "0")
+    (tmp_path / "b.truth.npz").write_bytes(b"of another scene")
+    assert "be taken for the truth of" in refused(capfd, path, "--out", out, *FLAGS)
+    assert not out.exists()
 
 
 def test_a_failed_import_leaves_the_old_cube(tmp_path, capfd):

@@ -177,6 +177,14 @@ def test_wrong_methods(fields, word):
         estimate_environment(traced("forest")[0], LIBRARY, **fields)
 
 
+def test_dead_bands_are_refused():
+    cube, _ = traced("forest")
+    dead = HeatCube(np.where(np.arange(cube.bands)[:, None, None] == 3, np.nan, cube.radiance),
+                    cube.wavelength_um, cube.fwhm_um, 0.05)  # fmt: skip
+    with pytest.raises(InputError, match="without_bad_bands"):
+        estimate_environment(dead, LIBRARY, 2)
+
+
 def test_more_objects_than_pixels():
     cube, _ = traced("forest")
     crop = HeatCube(cube.radiance[:, :2, :3], cube.wavelength_um, cube.fwhm_um, 0.05)

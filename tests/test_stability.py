@@ -114,7 +114,8 @@ def test_what_is_said_of_a_missing_material(library, monkeypatch):
             )  # fmt: skip
 
         monkeypatch.setattr(stability, "answer", answer)
-        return list(missing_rows(FOREST, library, None))
+        cube, truth = stability.shaded(FOREST, library)
+        return list(missing_rows("forest", cube, truth, library, None))
 
     rows = said(True, 0.1)
     assert len(rows) == len(METHODS) * len({r["missing"] for r in rows}) > 0

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
-from physics.planck import noise_sigma, radiance
+from physics.heat_cube import sampling_step
+from physics.planck import brightness_temperature, noise_sigma, radiance
 
 W = np.linspace(8.0, 14.0, 5)
 S = np.broadcast_to(radiance(W, 290.0)[:, None, None], (5, 3, 4))
@@ -215,6 +216,25 @@ def test_defaults_cannot_be_written_either():
 
 
 # --- HeatCube ---------------------------------------------------------------------------------
+
+
+@settings(deadline=None)
+@given(st.integers(1, 900), st.integers(1, 900), st.integers(1, 3000))
+def test_a_subsample_sees_every_column_alike(height, width, most):
+    step = sampling_step((height, width), most)
+    seen = np.bincount(np.arange(0, height * width, step) % width, minlength=width)
+    assert seen.sum() >= min(most, height * width)
+    assert np.ptp(seen) <= 1
+
+
+def test_a_few_warm_columns_are_not_the_scene():
+    """320 columns and 3000 lines share many factors."""
+    t = np.full((3000, 320), 285.0)
+    t[:, [0, 160]] = 300.0
+    w = np.array([9.0, 10.0, 11.0])
+    cube = HeatCube(radiance(w[:, None, None], t), w, netd_k=0.05)
+    warm = brightness_temperature(w, cube.sample(6000)) > 290
+    assert warm.mean() == pytest.approx(2 / 320, rel=0.1)
 
 
 def test_views_of_a_cube_agree():

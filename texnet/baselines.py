@@ -5,6 +5,8 @@ Every picture that TeX vision makes is compared with these three.
 
 import numpy as np
 
+from physics.heat_cube import sampling_step
+
 from .metrics import texture_correlation
 from .stretch import stretch
 
@@ -40,14 +42,14 @@ def clahe(picture):
 def principal_components(cube):
     """First three principal components of the spectra: (3, height, width) float64.
 
-    Fitted on at most 20000 evenly spaced pixels. A component's sign is arbitrary; here it
+    Fitted on some 20000 evenly spaced pixels. A component's sign is arbitrary; here it
     is the one that correlates positively with brightness, so that pictures reproduce.
     Components that the cube has no bands or pixels for are zero.
     """
     from sklearn.decomposition import PCA
 
     spectra = cube.spectra.astype(np.float64)
-    sample = spectra[:: max(1, len(spectra) // 20000)]
+    sample = spectra[:: sampling_step(cube.shape, 20000)]
     n = min(3, *sample.shape)
     with np.errstate(invalid="ignore"):  # shares of a variance that is 0; they are not used
         pca = PCA(n_components=n, svd_solver="full").fit(sample)

@@ -112,10 +112,12 @@ def _parser():
         library=None, method=None, k=K, model=None, compare=False, budget=None, device="cpu"
     )
 
-    p = add(of_texnet, "import", commands.import_, "turn a cube of others into one for decompose")
+    text = "turn a cube of others, or a part of it, into one for decompose"
+    p = add(of_texnet, "import", commands.import_, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
-        help="ENVI .hdr or its binary, HADAR or TeX-1500 .mat, .npz, .npy (bands first)",
+        help="ENVI .hdr or its binary, HADAR or TeX-1500 .mat, .npz, .npy (bands first), or what "
+        "is a heat cube already",
     )  # fmt: skip
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
@@ -128,7 +130,9 @@ def _parser():
             name, metavar="FIRST:LAST", type=_first_last,
             help=f"where the file does not say: first and last band in {example}; equidistant",
         )  # fmt: skip
-    p.add_argument("--netd", metavar="K", type=_netd, help="sensor noise in K at 300 K, if known")
+    p.add_argument(
+        "--netd", metavar="K", type=_above_0, help="sensor noise in K at 300 K, if known"
+    )
     for name in ("--rows", "--columns"):
         p.add_argument(
             name, metavar="FROM:TO", type=_slice,
@@ -344,6 +348,13 @@ def _netd(text):
         value = math.nan
     if not 0 <= value <= MAX_NETD_K:
         raise argparse.ArgumentTypeError(f"need 0 to {MAX_NETD_K:g} K, got {text!r}")
+    return value
+
+
+def _above_0(text):
+    value = _netd(text)
+    if value == 0:
+        raise argparse.ArgumentTypeError("need above 0 K; leave it out if it is not known")
     return value
 
 

@@ -16,10 +16,15 @@ from .loading import loading
 
 def import_(args):
     from .cube_import import import_cube
-    from .cube_io import check_cube_path, write_cube
+    from .cube_io import check_cube_path, truth_path, write_cube
     from .progress import progress_bar
 
     check_cube_path(args.out, args.file)
+    if (beside := truth_path(args.out)).exists():
+        raise InputError(
+            f"{beside} would be taken for the truth of {args.out}; choose another name, or move "
+            "it away."
+        )
     with progress_bar() as report:
         cube, note = import_cube(
             args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report,

@@ -9,6 +9,8 @@ TeX-1500 `.mat` or `.npz`: a cube of either axis order, wavelengths in um, and t
 bands; the first key of each of the lists below that is there. The unit is the caller's to say.
 
 `.npy`: (bands, height, width); bands and unit are the caller's to say.
+
+Heat cubes themselves (`cube_io`), of which a part is wanted.
 """
 
 from pathlib import Path
@@ -19,7 +21,7 @@ from numpy.lib.format import open_memmap
 from physics.array_file import BROKEN_NPY, BROKEN_NPZ
 from physics.errors import InputError
 
-from .cube_io import unpacked
+from .cube_io import read_cube, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
@@ -28,6 +30,7 @@ from .raw_cube import UNITS, RawCube, heat_cube, part_of
 HADAR = ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
+OURS, ONLY_OURS = {"radiance", "wavelength_um"}, {"fwhm_um", "netd_k"}
 GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_indices")
 
 
@@ -35,7 +38,7 @@ def import_cube(
     path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None, *,
     rows=None, columns=None, range_um=None,
 ):  # fmt: skip
-    """Read the cube of others at path (.hdr or its binary, .mat, .npz, .npy; see the module).
+    """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
     unit             of its radiance, a key of `raw_cube.UNITS`; where the file leaves it open
     wavelengths_um, wavenumbers_cm1
@@ -79,7 +82,7 @@ def _read(path):
     if kind == ".npy":
         return _read_npy(path)
     if kind == ".exr":
-        raise InputError(f"cube: {path} needs no import; give it to texnet decompose.")
+        return _read_ours(path)
     if kind == ".hdr" or header_of(path):
         return read_envi(path)
     raise InputError(
@@ -106,11 +109,22 @@ def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
     if wavelengths_um is not None and wavenumbers_cm1 is not None:
         raise InputError("cube: give either --wavelengths or --wavenumbers, not both.")
     first, last = wavelengths_um or wavenumbers_cm1
+    if bands == 1 and first != last:
+        raise InputError(f"cube: {path} has one band; give its centre twice, as in 11:11.")
     centre = np.linspace(first, last, bands)
     return raw._replace(centre=centre, axis="um" if wavelengths_um else "cm-1")
 
 
-# --- .mat, .npz and .npy -----------------------------------------------------------------
+# --- .exr, .npz, .mat and .npy -----------------------------------------------------------
+
+
+def _read_ours(path):
+    """A RawCube of what is a heat cube already, of which a part may be wanted."""
+    cube = read_cube(path)
+    return RawCube(
+        "heat cube", lambda: cube.radiance, cube.wavelength_um, cube.fwhm_um, unit="W/m2/sr/um",
+        netd_k=cube.netd_k,
+    )  # fmt: skip
 
 
 def _read_mat(path):
@@ -140,6 +154,8 @@ def _read_npz(path):
             arrays = {key: data[key] for key in (*WAVELENGTH, *GOOD_BANDS) if key in held}
     except BROKEN_NPZ as e:
         raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+    if OURS <= set(held) and not set(held).isdisjoint(ONLY_OURS):
+        return _read_ours(path)
     return _tex1500(path, held, arrays, lambda key: unpacked(path, key))
 
 

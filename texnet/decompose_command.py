@@ -86,13 +86,14 @@ def _of_answer(d, cube):
     ground = d.temperature_k[np.asarray(d.material_names)[d.material] != "sky"]
     span = np.percentile(ground, [2, 50, 98]) if ground.size else [math.nan] * 3
     share = np.bincount(d.material.ravel(), minlength=len(d.material_names)) / d.material.size
+    materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     return {
         "bands": cube.bands, "size": cube.shape,
         "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
-        "materials": {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0},
-        "sky_in_library": "sky" in d.material_names, "sky_in_view": bool(d.sky),
+        "materials": materials, "sky_in_library": "sky" in d.material_names,
+        "sky_in_view": bool(d.sky) or "sky" in materials, "sky_objects": len(d.sky),
         "unknown": d.unknown.mean(),
         "residual": np.median(d.residual), "seconds": d.seconds,
     }  # fmt: skip
@@ -187,6 +188,8 @@ def _summary(r):
             "Sky          none in view: texture is the residual; outdoors that is wrong (is the "
             "first row the top?)"
         )
+    elif not r["sky_objects"]:
+        lines.append("Sky          no object of k = 1 stands for it: texture is the residual")
     if r["metrics"] is not None:
         m, today = r["metrics"], r["metrics"]["baselines"]
         lacks = ", ".join(m["not_in_library"][:4]) + (", ..." if m["not_in_library"][4:] else "")

@@ -53,7 +53,8 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
 
     Returns {"decomposition": path, "tex_vision": ..., "maps": ..., "comparison": ...,
     "maps_exr": ...}. All files are made in a hidden neighbour first, so that a failure or
-    Ctrl-C leaves an older answer as it was. Raises InputError if directory is a file.
+    Ctrl-C while they are made leaves an older answer as it was. Raises InputError if directory
+    is a file.
     """
     directory = Path(directory)
     check_directory(directory)
@@ -68,9 +69,10 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
             comparison_figure(decomposition, cube, truth, made / "comparison.png")
         _write_maps_exr(decomposition, made / "maps.exr")
         directory.mkdir(exist_ok=True)
-        (directory / "comparison.png").unlink(missing_ok=True)  # never of another answer
         for file in made.iterdir():
             os.replace(file, directory / file.name)
+        if not compare:
+            (directory / "comparison.png").unlink(missing_ok=True)  # of an older answer
     paths = {
         "decomposition": directory / "decomposition.npz",
         "tex_vision": directory / "tex_vision.png",

@@ -17,7 +17,7 @@ import numpy as np
 
 from physics import scratch
 from physics.errors import InputError
-from physics.heat_cube import TYPICAL_K, HeatCube, lit
+from physics.heat_cube import TYPICAL_K, HeatCube, lit, sampling_step
 from physics.planck import brightness_temperature
 
 UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
@@ -49,6 +49,7 @@ class RawCube(NamedTuple):
     unit     a key of UNITS, or None if the file does not say
     gain, offset  (bands,) or one number for all
     good     (bands,) bool; None: all
+    netd_k   noise at 300 K, K, or None if the file does not say
     wanted   (bands,) bool, by the caller; None: all
     ignore   the number that stands for no measurement, or None
     hint     what to say where centre is missing
@@ -64,6 +65,7 @@ class RawCube(NamedTuple):
     gain: np.ndarray | float = 1.0
     offset: np.ndarray | float = 0.0
     good: np.ndarray | None = None
+    netd_k: float | None = None
     wanted: np.ndarray | None = None
     ignore: float | None = None
     hint: str = ""
@@ -129,6 +131,7 @@ def heat_cube(raw, netd_k=None, progress=None):
         *said_of_bands,
         f"half of it is warmer than {_typical_k(radiance, w, raw.unit)}",
     ]
+    netd_k = raw.netd_k if netd_k is None else netd_k
     return HeatCube(radiance, w, fwhm, netd_k), "; ".join(words) + "."
 
 
@@ -220,7 +223,7 @@ def _typical_k(radiance, w, unit):
 
     Raises InputError where it is not within TYPICAL_K.
     """
-    step = max(1, radiance[0].size // SAMPLES)
+    step = sampling_step(radiance.shape[1:], SAMPLES)
     bands = scratch.parts(radiance)
     s = np.stack([band.reshape(-1)[::step].astype(np.float64) for band in bands])
     band, pixel = np.nonzero(lit(s))

@@ -58,8 +58,9 @@ def finetune(
     start = time.perf_counter()
     if cubes:
         terms, rate = "physics", PHYSICS_LEARNING_RATE
-        seeds = seed, VALIDATION_SEED
-        draws, held_out = (Crops(cubes, with_sky(library), s, SIDE) for s in seeds)
+        draws = Crops(cubes, with_sky(library), seed, SIDE)
+        held_out = copy.copy(draws)
+        held_out.seed = VALIDATION_SEED
         data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
     else:
         terms, rate = "both", LEARNING_RATE
