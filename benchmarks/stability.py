@@ -330,8 +330,8 @@ AXES = {
     "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
     "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
     "offset": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), wrong_offset),
-    "dead bands": Axis("bands", (0, 1, 2, 5, 10), dead_bands),
-    "noisy bands": Axis("bands", (0, 1, 2, 5, 10), noisy_bands),
+    "dead bands": Axis("how many are dead", (0, 1, 2, 5, 10), dead_bands),
+    "noisy bands": Axis("how many are noisy", (0, 1, 2, 5, 10), noisy_bands),
     "stripes": Axis("their sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
     "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
     "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
@@ -483,8 +483,10 @@ def draw(rows, path):
         top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
         top.yaxis.set_minor_formatter(NullFormatter())
         bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="share")
-        small = 9 if len(axis.levels) < 8 else 7
-        bottom.set_xticks(list(at), [f"{level:g}" for level in axis.levels], fontsize=small)
+        levels = [f"{level:g}" for level in axis.levels]
+        if len(levels) >= 8:  # no room for more than .05
+            levels = [level.removeprefix("0") or "0" for level in levels]
+        bottom.set_xticks(list(at), levels, fontsize=9)
     handles = top.get_legend_handles_labels()
     figure.suptitle("Above: mean error of T; below: share of pixels with the right material")
     figure.legend(*handles, loc="outside lower center", ncols=3)

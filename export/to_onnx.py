@@ -78,7 +78,7 @@ def export_onnx(network, history, path):
 
     history  dict of plain values, as `texnet.weights.load_network` gives it
 
-    Takes a minute or two. Raises InputError if path cannot be written.
+    Takes a few minutes. Raises InputError if path cannot be written.
     """
     check_writable(path)
     with _quiet():

@@ -332,7 +332,7 @@ def test_without_the_extra_the_command_says_how_to_get_it(capfd, files, cache, m
     monkeypatch.setitem(sys.modules, "pytorch_lightning", None)
     words = {"train": ["train", "--out", files / "out"], "finetune": command(files, cache)}
     code, out, err = run(capfd, words[name])
-    assert code == 2 and err.count("\n") == 1 and "pip install 'texnet[train]'" in err
+    assert code == 2 and err.count("\n") == 1 and "pip install -e '.[train]'" in err
 
 
 STOPPED = """

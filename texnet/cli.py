@@ -218,7 +218,8 @@ def _parser():
         return p
 
     # the defaults of training.train and training.finetune, which are slow to import
-    add_training("train", commands.train, "train a network on simulated scenes; hours", 1600, 60)
+    text = "train a network on simulated scenes; an hour or two"
+    add_training("train", commands.train, text, 1600, 60)
     p = add_training("finetune", commands.finetune, "adapt a network to a library; minutes", 48, 3)
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
@@ -257,7 +258,7 @@ def _parser():
     p.add_argument(
         "--out", metavar="DIR", type=_folder, default=Path("reproduce"), help="default: reproduce"
     )
-    p.add_argument("--full", action="store_true", help="the published size; hours")
+    p.add_argument("--full", action="store_true", help="more pixels and scenes; minutes to hours")
 
     p = of_texnet.add_parser("library", help="the starter library of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")

@@ -239,7 +239,7 @@ def _training():
         if e.name != "pytorch_lightning":
             raise
         raise InputError(
-            "training needs the package pytorch-lightning; pip install 'texnet[train]'."
+            "training needs pytorch-lightning; pip install -e '.[train]' in the checkout."
         ) from e
     except KeyboardInterrupt:
         print("texnet: stopped; the same command goes on from the last epoch.", file=sys.stderr)
@@ -268,7 +268,7 @@ def export(args):
         if e.name not in ("onnx", "onnxscript"):
             raise
         raise InputError(
-            "export needs the packages onnx and onnxscript; pip install 'texnet[export]'."
+            "export needs onnx and onnxscript; pip install -e '.[export]' in the checkout."
         ) from e
     export_onnx(network, history, args.out)
     size = args.out.stat().st_size

@@ -233,7 +233,7 @@ def _hues(d, truth=None):
 
 def _show_materials(ax, title, answer, hues):
     _bare(ax, title)
-    colours = np.array([_colour(hues.get(n, 0.0)) for n in answer.material_names])
+    colours = np.array([colour_of(hues.get(n, 0.0)) for n in answer.material_names])
     ax.imshow(colours[answer.material], interpolation="nearest")
 
 
@@ -244,10 +244,11 @@ def _legend(hues, d, truth=None):
         lacking = names_lacking(d, truth)[0]
         there = names_in_view(truth, LEAST_SHARE)
         labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
-    return {label: _colour(hues[n]) for n, label in list(labels.items())[:MOST_NAMES]}
+    return {label: colour_of(hues[n]) for n, label in list(labels.items())[:MOST_NAMES]}
 
 
-def _colour(hue_deg):
+def colour_of(hue_deg):
+    """The colour of a hue in legends and maps of materials, (r, g, b)."""
     return tuple(hsv_to_rgb((hue_deg % 360 / 360, 0.65, 0.85)))
 
 

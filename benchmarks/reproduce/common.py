@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from PIL import Image
 
 from physics.bands import equidistant_bands
@@ -17,6 +18,8 @@ from physics.library import MaterialLibrary
 from physics.simulator import simulate
 from physics.simulator.presets import preset
 from physics.whole_file import whole_file
+from texnet.figures import LEAST_SHARE, colour_of
+from texnet.metrics import names_in_view
 from texnet.vision import tex_vision
 
 SIZE, FULL_SIZE = (256, 384), (1080, 1920)  # pixels; the second is the published one
@@ -25,7 +28,7 @@ BLACK, ORANGE, SKY_BLUE, GREEN, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
 NOTHING = "#cfe0f0"  # where a picture has no value, as in the sky
-WIDTH_INCHES, TEXT = 10.0, 10
+WIDTH_INCHES, TEXT, LEGEND_COLUMNS = 10.0, 10, 8
 SCREEN_DPI, PRINT_DPI = 100, 300  # 1000 pixels wide, text legible a little smaller; 3000
 
 
@@ -74,6 +77,20 @@ def panels(rows, columns, shape, more_inches=0.0):
     height = WIDTH_INCHES / columns * shape[0] / shape[1] + 0.6 + more_inches
     fig = Figure(figsize=(WIDTH_INCHES, rows * height), dpi=dpi(shape), layout="constrained")
     return fig, fig.subplots(rows, columns, squeeze=False)
+
+
+def name_materials(fig, *truths):
+    """A legend below the figure: the hues of the materials in sight in Truths."""
+    starter = MaterialLibrary.starter()
+    names = dict.fromkeys(n for t in truths for n in names_in_view(t, LEAST_SHARE))
+    colours = {n: colour_of(starter.hue_deg[starter.index(n)]) for n in names}
+    lines = -(-len(names) // LEGEND_COLUMNS)
+    fig.set_figheight(fig.get_figheight() + 0.25 * lines)
+    fig.legend(
+        handles=[Patch(color=colour, label=n) for n, colour in colours.items()],
+        loc="outside lower center", ncols=LEGEND_COLUMNS, fontsize=TEXT - 1, frameon=False,
+        handlelength=1.2,
+    )  # fmt: skip
 
 
 def show(ax, picture, title, caption="", cmap="gray", norm=None, unit=None):

@@ -5,7 +5,7 @@ import numpy as np
 from texnet.figures import daylight_srgb
 from texnet.vision import tex_vision
 
-from .common import panels, save, show, true_vision
+from .common import name_materials, panels, save, show, true_vision
 
 
 def said(row):
@@ -32,4 +32,5 @@ def draw(pictures, truth, path):
         for ax, variant in zip(line[1:], variants, strict=True):
             answer, row = pictures[method, variant]
             show(ax, tex_vision(answer), f"{variant}\n{method}", "\n".join(said(row)))
+    name_materials(fig, truth)
     save(fig, path)

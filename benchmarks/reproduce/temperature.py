@@ -155,6 +155,7 @@ def _draw(scores, scored, truth, answer, path):
     common.show(axes[1, 2], common.true_vision(truth), "TeX vision (truth)")
     texture = np.where(ground, truth.sky_texture, np.nan)
     common.show(axes[1, 3], texture, "sky-lit texture (truth)", "what all are scored against")
+    common.name_materials(fig, truth)
     common.save(fig, path)
 
 

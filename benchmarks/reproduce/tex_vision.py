@@ -27,9 +27,10 @@ MEASURED = ("material_accuracy", "temperature_rmse_k", "texture_correlation")
 
 def reproduce(out, full, progress):
     """tex-vision.csv and tex-vision.png in the folder out."""
-    rows, pictures = [], []
+    rows, pictures, truths = [], [], []
     for name in SCENES:
         cube, truth = common.night(name, full, progress)
+        truths.append(truth)
         thermal = panchromatic(cube)
         raw = abs(texture_scores(thermal, truth)["correlation"])
         rows.append({"scene": name, "picture": "thermal", **dict.fromkeys(MEASURED)})
@@ -43,7 +44,7 @@ def reproduce(out, full, progress):
             painted.append(tex_vision(answer))
         pictures += [*painted, common.true_vision(truth)]
     write_csv(out / "tex-vision.csv", rows)
-    _draw(rows, pictures, out / "tex-vision.png")
+    _draw(rows, pictures, truths, out / "tex-vision.png")
     lines = [f"{r['scene']:7} {r['picture']:8} {_caption(r)}" for r in rows]
     return "\n".join(lines), {"rows": rows}
 
@@ -56,7 +57,7 @@ def _caption(row, end=", "):
     return f"material {right:.1f} %, T off {off:.2f} K{end}{texture}"
 
 
-def _draw(rows, pictures, path):
+def _draw(rows, pictures, truths, path):
     titles = ("raw thermal, 8-14 µm", *METHODS.values(), "truth")
     fig, axes = common.panels(len(SCENES), 4, pictures[0].shape, more_inches=0.2)
     rows, pictures = iter(rows), iter(pictures)
@@ -64,4 +65,5 @@ def _draw(rows, pictures, path):
         for ax, title in zip(line, titles, strict=True):
             caption = "" if title == "truth" else _caption(next(rows), end="\n")
             common.show(ax, next(pictures), title, caption)
+    common.name_materials(fig, *truths)
     common.save(fig, path)
