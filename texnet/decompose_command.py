@@ -93,7 +93,9 @@ def _of_answer(d, cube):
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": "sky" in d.material_names,
-        "sky_in_view": bool(d.sky) or "sky" in materials, "sky_objects": len(d.sky),
+        # no object stands for it where there is one alone
+        "sky_in_view": bool(d.sky) or (len(d.environment) == 1 and "sky" in materials),
+        "sky_objects": len(d.sky),
         "unknown": d.unknown.mean(),
         "residual": np.median(d.residual), "seconds": d.seconds,
     }  # fmt: skip
