@@ -548,6 +548,8 @@ def test_a_part_of_a_heat_cube_keeps_its_widths_and_its_noise(tmp_path, suffix):
     np.testing.assert_allclose(cube.fwhm_um, whole.fwhm_um[there])
     assert cube.netd_k == 0.03 and "taken as narrow" not in note
     assert import_cube(tmp_path / f"a{suffix}", netd_k=0.1)[0].netd_k == 0.1
+    with pytest.raises(InputError, match="states its unit"):
+        import_cube(tmp_path / f"a{suffix}", "microflick")
 
 
 def test_one_band_has_one_centre(tmp_path, capfd):

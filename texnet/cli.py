@@ -237,14 +237,14 @@ def _parser():
 
     p = of_texnet.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    text = "speed beside the peers and the limits; ten minutes"
+    text = "speed beside the peers and the limits; twelve minutes"
     p = add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
 
-    text = "where methods fail, and whether they say so; 15 minutes"
+    text = "where methods fail, and whether they say so; half an hour"
     p = add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
-    text = "accuracy against time beside the peers; minutes"
+    text = "accuracy against time beside the peers; 17 minutes"
     p = add(actions, "chart", commands.bench_chart, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(

@@ -27,6 +27,7 @@ from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
 from .raw_cube import UNITS, RawCube, heat_cube, part_of
 
+HEAT_CUBE = "heat cube"
 HADAR = ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
@@ -60,6 +61,8 @@ def import_cube(
         raise InputError(f"cube: {unit!r} is no unit that is known; use {', '.join(UNITS)}.")
     try:
         raw = _read(path)
+        if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
+            raise InputError(f"cube: {path} states its unit, {raw.unit}; leave out --unit.")
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
         raw = part_of(raw, rows, columns, range_um)
         if raw.unit is None and unit is None:
@@ -122,7 +125,7 @@ def _read_ours(path):
     """A RawCube of what is a heat cube already, of which a part may be wanted."""
     cube = read_cube(path)
     return RawCube(
-        "heat cube", lambda: cube.radiance, cube.wavelength_um, cube.fwhm_um, unit="W/m2/sr/um",
+        HEAT_CUBE, lambda: cube.radiance, cube.wavelength_um, cube.fwhm_um, unit="W/m2/sr/um",
         netd_k=cube.netd_k,
     )  # fmt: skip
 
