@@ -119,7 +119,8 @@ class MaterialLibrary:
         if w.min() < low - 1e-9 or w.max() > high + 1e-9:
             raise InputError(
                 f"library: its curves cover {low:g}-{high:g} um but the bands need "
-                f"{w.min():.4g}-{w.max():.4g} um; drop bands or take another library."
+                f"{w.min():.4g}-{w.max():.4g} um; take another library, or leave bands out by "
+                "`texnet import --range`."
             )
         return np.stack([np.interp(w, self.wavelength_um, e) for e in self.emissivity])
 

@@ -188,7 +188,7 @@ def _summary(r):
     elif not r["sky_in_view"]:
         lines.append(
             "Sky          none in view: texture is the residual; outdoors that is wrong (is the "
-            "first row the top?)"
+            "sky in the picture, clear, and at its top?)"
         )
     elif not r["sky_objects"]:
         lines.append("Sky          no object of k = 1 stands for it: texture is the residual")

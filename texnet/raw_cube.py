@@ -106,7 +106,8 @@ def _said(part):
 
 
 def heat_cube(raw, netd_k=None, progress=None):
-    """The HeatCube of a RawCube that has centre and unit, and one sentence on what was converted.
+    """The HeatCube of a RawCube that has centre and unit, and one sentence on what was converted,
+    with a line of warning below it where the scene's temperature is unusual.
 
     Raises InputError where the numbers cannot be radiance in that unit.
     """
@@ -129,10 +130,11 @@ def heat_cube(raw, netd_k=None, progress=None):
         *raw.words,
         raw.unit + (" kept" if raw.unit == OURS else " became W m-2 sr-1 um-1"),
         *said_of_bands,
-        f"half of it is warmer than {_typical_k(radiance, w, raw.unit)}",
     ]
+    half, warning = _typical_k(radiance, w, raw.unit)
+    note = "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
     netd_k = raw.netd_k if netd_k is None else netd_k
-    return HeatCube(radiance, w, fwhm, netd_k), "; ".join(words) + "."
+    return HeatCube(radiance, w, fwhm, netd_k), note
 
 
 def _ascending(raw, bands):
@@ -158,7 +160,7 @@ def _ascending(raw, bands):
         twice = w[1:][np.diff(w) == 0][0]
         raise InputError(f"cube: the wavelength {twice:g} um is there twice; give each once.")
     moved = "" if (step == 1).all() else ", order reversed" if (step == -1).all() else ", sorted"
-    words = [f"{ends} became {w[0]:.4g}-{w[-1]:.4g} um{moved}"]
+    words = [ends + ("" if raw.axis == "um" else f" became {w[0]:.4g}-{w[-1]:.4g} um") + moved]
     if bad := int(np.count_nonzero(wanted & ~good)):
         words.append(f"{bad} band{'s' * (bad > 1)} left out that the file calls bad")
     return np.flatnonzero(good)[order], w, words
@@ -219,7 +221,7 @@ def _radiance(raw, kept, gain, offset, progress):
 
 
 def _typical_k(radiance, w, unit):
-    """Words on the brightness temperature (K) that half of the scene exceeds.
+    """The brightness temperature that half of the scene exceeds, in words, and a warning or "".
 
     Raises InputError where it is not within TYPICAL_K.
     """
@@ -229,7 +231,7 @@ def _typical_k(radiance, w, unit):
     band, pixel = np.nonzero(lit(s))
     s, w = s[band, pixel], w[band]
     if not s.size:
-        return "nothing"  # HeatCube says what is wrong
+        return "nothing", ""  # HeatCube says what is wrong
     jacobian = 1e4 / w**2
 
     def typical_k(other):
@@ -238,12 +240,14 @@ def _typical_k(radiance, w, unit):
 
     here = typical_k(unit)
     if USUAL_K[0] <= here <= USUAL_K[1]:
-        return f"{here:.0f} K"
+        return f"{here:.0f} K", ""
     # by factor, so that two names of one unit are one
     fit = {UNITS[u]: (u, t) for u in UNITS if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.values()) or "no unit that is known fits"
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
-        return f"{here:.0f} K, which is unusual ({fit})"
+        return f"{here:.0f} K", (
+            f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})?"
+        )
     raise InputError(
         f"cube: in {unit} half of it would be warmer than {here:.4g} K; give the right --unit "
         f"({fit})."
