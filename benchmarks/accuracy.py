@@ -1,6 +1,6 @@
 """Accuracy and time of every method against the number of bands, on scenes nobody trained on.
 
-    python -m benchmarks.accuracy --out DIR
+    python -m benchmarks.accuracy --out DIR [--finer TIMES]
 
 Twenty-four random scenes of the test split (seeds from 3,000,000; training uses 1,000,000 and
 2,000,000) and the presets with skies at seed 7: in fewer, one or two with much bare metal decide
@@ -8,7 +8,8 @@ about the error of temperature. Each is path-traced once and shaded in 4, 9, 18,
 over 8-14 um, noise 50 mK; the environment is estimated from the noisy cube with k = 5 objects; the
 library is the whole starter library. `net+sgd` is the ONNX file, as users get it. Writes
 accuracy.csv, one row per scene, bands and method, and prints the means, and scene by scene how far
-net+sgd is from local. Everything runs on two threads.
+net+sgd is from local. Everything runs on two threads. --finer traces the same scenes with so many
+times the pixels on a side.
 """
 
 import argparse
@@ -44,15 +45,16 @@ SHOWN = (*ERRORS, *DOUBT, "seconds_per_megapixel")
 LESS_IS_BETTER = ("temperature_rmse_k", "temperature_mae_k", "cross_entropy")
 
 
-def test_scenes(random_scenes=RANDOM_SCENES, presets=PRESETS, done=()):
+def test_scenes(random_scenes=RANDOM_SCENES, presets=PRESETS, done=(), finer=1):
     """Yield name and TracedScene of every test scene but those whose names are in done; rooms
-    without sky among them."""
+    without sky among them. They have SIZE, or finer times that, pixels."""
+    size = tuple(finer * n for n in SIZE)
     library = MaterialLibrary.starter()
     chosen = [("random", BASE_SEED["test"] + i) for i in range(random_scenes)]
     chosen += [(name, 7) for name in presets]
     for name, seed in chosen:
         if f"{name} {seed}" not in done:
-            yield f"{name} {seed}", trace_scene(preset(name, seed), SIZE, SPP, seed, library)
+            yield f"{name} {seed}", trace_scene(preset(name, seed), size, SPP, seed, library)
 
 
 def measure(cube, truth, method, model=None):
@@ -103,6 +105,7 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--scenes", type=int, default=RANDOM_SCENES, help="random ones")
     parser.add_argument("--bands", type=int, nargs="+", default=BANDS)
+    parser.add_argument("--finer", type=int, default=1, help="times as many pixels on a side")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -111,7 +114,7 @@ def main():
     threadpool_limits(THREADS)
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
     library, rows = MaterialLibrary.starter(), []
-    for name, traced in test_scenes(args.scenes):
+    for name, traced in test_scenes(args.scenes, finer=args.finer):
         for bands in args.bands:
             w, fwhm = equidistant_bands(bands)
             cube, truth = traced.shade(library, w, fwhm, NETD_K)

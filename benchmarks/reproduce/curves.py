@@ -43,7 +43,7 @@ FINE_BANDS = 100  # rendered, narrow and equidistant over 8-14 um
 
 def sizes(full):
     """(height, width), paths per pixel, draws of noise, random scenes."""
-    return ((256, 384), 256, 5, 8) if full else ((96, 144), 64, 3, 3)
+    return ((256, 384), 256, 3, 4) if full else ((96, 144), 64, 3, 3)
 
 
 def subset(n):
