@@ -9,7 +9,7 @@ over 8-14 um, noise 50 mK; the environment is estimated from the noisy cube with
 library is the whole starter library. `net+sgd` is the ONNX file, as users get it. Writes
 accuracy.csv, one row per scene, bands and method, and prints the means, and scene by scene how far
 net+sgd is from local. Everything runs on two threads. --finer traces the same scenes with so many
-times the pixels on a side.
+times the pixels on each side.
 """
 
 import argparse
@@ -47,7 +47,7 @@ LESS_IS_BETTER = ("temperature_rmse_k", "temperature_mae_k", "cross_entropy")
 
 def test_scenes(random_scenes=RANDOM_SCENES, presets=PRESETS, done=(), finer=1):
     """Yield name and TracedScene of every test scene but those whose names are in done; rooms
-    without sky among them. They have SIZE, or finer times that, pixels."""
+    without sky among them. They have SIZE pixels, or finer times as many on each side."""
     size = tuple(finer * n for n in SIZE)
     library = MaterialLibrary.starter()
     chosen = [("random", BASE_SEED["test"] + i) for i in range(random_scenes)]
@@ -105,7 +105,7 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--scenes", type=int, default=RANDOM_SCENES, help="random ones")
     parser.add_argument("--bands", type=int, nargs="+", default=BANDS)
-    parser.add_argument("--finer", type=int, default=1, help="times as many pixels on a side")
+    parser.add_argument("--finer", type=int, default=1, help="times the pixels on each side")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)

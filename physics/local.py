@@ -14,7 +14,8 @@ the prior's, which is how the solver says that it cannot know.
 
 The answer is the material of least energy, with its T and V. `unbounded` solves every
 hypothesis first as if V might be negative. Where none is, that is the answer; elsewhere it gives
-a lower bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it.
+about a lower bound, and hypotheses whose bound is so many nats above the pixel's best (HOPELESS, if
+nobody asks for more) are left at it.
 """
 
 from dataclasses import dataclass
@@ -28,9 +29,7 @@ from .planck import brightness_temperature
 from .reduced import ReducedModel, groups
 
 PIXELS_PER_BLOCK = 4096
-# More than neighbours (at most 4 BETA = 12) can make up for in `semiglobal`, and the materials'
-# shares seldom need: with twice as much no method answered better on the tuning scenes
-HOPELESS = 15.0  # nats
+HOPELESS = 15.0  # nats; with twice as much no tuning scene was answered better
 _NEWTON_STEPS = 40
 _NATS = 1e-7  # Newton's method ends where the next step would lower J by less
 
@@ -40,9 +39,9 @@ class LocalSolution:
     """Every material's answer, for P pixels and L materials (library order, sky included).
 
     energy         (P, L) float32, -log evidence up to one constant; +inf for the sky where
-                   there is none in view; beyond HOPELESS nats above the least, a lower bound,
-                   with the T that V without bounds would give, but never for the best of the
-                   materials that are not sky
+                   there is none in view; beyond `hopeless` nats above the least it may be about a
+                   lower bound, with the T that V without bounds would give, but never for the
+                   best of the materials that are not sky
     temperature_k  (P, L) float32, K; of the sky, the prior's
     sigma_k        (P, L) float32, one standard deviation of T given m, K
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
@@ -55,10 +54,13 @@ class LocalSolution:
     row: np.ndarray
 
 
-def solve_local(model: ReducedModel, spectra, progress=None) -> LocalSolution:
+def solve_local(
+    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS
+) -> LocalSolution:
     """Solve Eq. 6 for every pixel and material of spectra (P, bands), W m-2 sr-1 um-1.
 
-    progress, if given, is called as progress(pixels done, pixels).
+    progress, if given, is called as progress(pixels done, pixels); hopeless is in nats, see
+    LocalSolution.
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
@@ -76,7 +78,7 @@ def solve_local(model: ReducedModel, spectra, progress=None) -> LocalSolution:
         block = slice(start, min(start + PIXELS_PER_BLOCK, pixels))
         _solve_all(
             spectra[block], start_k[block], model.sigma, linear, square, model.gram, tables, *of_t,
-            model.material, model.material == model.library.sky_index, model.mid_k,
+            model.material, model.material == model.library.sky_index, model.mid_k, hopeless,
             energy[block], temperature[block], sigma[block], row[block],
         )  # fmt: skip
         if progress:
@@ -282,14 +284,14 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
             break
         tau += step
     else:
-        tau -= step  # the last point that was evaluated
+        tau -= step  # the last good point
     return best, tau, curvature / (half * half)
 
 
 @numba.njit(cache=True, parallel=True, fastmath=False)
 def _solve_all(
     spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material,
-    is_sky, mid, energy, temperature, sigma, row,
+    is_sky, mid, hopeless, energy, temperature, sigma, row,
 ):  # fmt: skip
     """All hypotheses of P pixels, LANES at a time: `solve_local` from plain arrays."""
     pixels, bands, rows, lanes = len(spectra), len(noise), len(gram), unbounded.LANES
@@ -323,8 +325,8 @@ def _solve_all(
         at, free = np.empty(k), np.empty(k, np.bool_)
         for p in range(count):
             _bounded(
-                p, h, gram, n, k, half, weight, mean, is_sky, constant, value, bound, tau,
-                curvature, v, at, free, own, work,
+                p, h, gram, n, k, half, weight, mean, is_sky, hopeless, constant, value, bound,
+                tau, curvature, v, at, free, own, work,
             )  # fmt: skip
             pixel = chunk * lanes + p
             for r in range(rows):
@@ -338,13 +340,12 @@ def _solve_all(
 
 @numba.njit(cache=True, fastmath=False)
 def _bounded(
-    p, h, gram, n, k, half, weight, mean, is_sky, constant, value, bound, tau, curvature, v,
-    at, free, own, work,
+    p, h, gram, n, k, half, weight, mean, is_sky, hopeless, constant, value, bound, tau,
+    curvature, v, at, free, own, work,
 ):  # fmt: skip
-    """Put V's bounds on what `solve_unbounded` found for pixel p, the most promising row and the
-    most promising that is not sky first."""
+    """Put V's bounds on what `solve_unbounded` found for pixel p, the most promising row first."""
     best, ground = np.inf, np.inf  # of all, and of those that are not sky
-    lead, ground_lead = 0, 0
+    lead, least = 0, np.inf
     for r in range(len(value)):
         inside = value[r, p] > -np.inf
         for j in range(k):
@@ -354,14 +355,12 @@ def _bounded(
             if not is_sky[r]:
                 ground = min(ground, value[r, p])
             bound[r, p] = np.inf  # done
-        if bound[r, p] < bound[lead, p]:
-            lead = r
-        if not is_sky[r] and bound[r, p] < bound[ground_lead, p]:
-            ground_lead = r
-    for i in range(-2, len(value)):
-        r = lead if i == -2 else ground_lead if i == -1 else i
-        if i <= 0:  # later ones do not count, lest the order of materials matter
-            enough, ground_enough = best + HOPELESS, ground
+        if value[r, p] > -np.inf and not is_sky[r] and bound[r, p] < least:
+            lead, least = r, bound[r, p]
+    for i in range(-1, len(value)):
+        r = lead if i == -1 else i
+        if i < 1:  # later ones do not count, lest the order of materials matter
+            enough, ground_enough = best + hopeless, ground
         if not (bound[r, p] < enough or (not is_sky[r] and bound[r, p] < ground_enough)):
             continue
         total = 0.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from physics import Environment, HeatCube, MaterialLibrary
 from physics.local import HOPELESS, solve_given, solve_local
 from physics.reduced import reduce_model
 from physics.unbounded import LANES, solve_unbounded, tables, times
@@ -87,3 +88,30 @@ def test_a_pixel_answers_alike_in_any_company(make_pixels):
     order = np.random.default_rng(1).permutation(150)[: LANES + 3]
     some = solve_local(model, p.cube.spectra[order])
     np.testing.assert_allclose(some.energy, together.energy[order], rtol=1e-5, atol=1e-3)
+
+
+def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
+    """Of sky pixels too: T of what may stand before the sky is asked for."""
+    p = make_pixels(k=3, shape=(9, 11), seed=4)
+    w, sky = p.wavelength, p.environment.radiance[0]
+    environment = Environment(
+        p.environment.radiance, w, sky=(0,), sky_mean=sky, sky_spread=0.01 * sky[None]
+    )
+    library = MaterialLibrary(
+        [*p.library.names, "sky"], p.library.wavelength_um,
+        [*p.library.emissivity, np.full(p.library.wavelength_um.size, 0.98)],
+    )  # fmt: skip
+    s = p.cube.radiance.copy()
+    noise = np.random.default_rng(0).normal(size=s[:, :4].shape) * p.cube.sigma[:, None, None]
+    s[:, :4] = sky[:, None, None] + noise
+    model = reduce_model(HeatCube(s, w, netd_k=p.cube.netd_k), library, environment)
+    spectra = s.reshape(len(s), -1).T
+    every, few = (solve_local(model, spectra, hopeless=h) for h in (1e9, 1.0))
+    is_sky = every.energy.argmin(axis=1) == library.sky_index
+    assert 0 < is_sky.sum() < len(is_sky)
+    i, best = np.arange(99), every.energy[:, :-1].argmin(axis=1)
+    beyond = every.energy[i, best] > every.energy.min(axis=1) + 1.0
+    assert beyond[is_sky].any()
+    np.testing.assert_array_equal(few.energy[:, :-1].argmin(axis=1), best)
+    np.testing.assert_allclose(few.energy[i, best], every.energy[i, best], rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(few.temperature_k[i, best], every.temperature_k[i, best], atol=1e-2)

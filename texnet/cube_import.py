@@ -50,9 +50,10 @@ def import_cube(
     rows, columns, range_um
                      a part of it: slices, and the lowest and the highest band centre in um
 
-    Returns (HeatCube, note): one sentence on what was converted from what. A large cube is not held
-    in memory (but for a .mat, which is at most 4 GB). Raises InputError if the file is damaged or
-    leaves open what its numbers mean.
+    Returns (HeatCube, note): one sentence on what was converted from what, and a warning below it
+    where the scene's temperature is unusual. A large cube is not held in memory (but for a .mat,
+    which is at most 4 GB). Raises InputError if the file is damaged or leaves open what its numbers
+    mean.
     """
     path = Path(path)
     if not path.is_file():

@@ -6,7 +6,7 @@ from physics.distill import distill
 from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
-from physics.semiglobal import Objective, refine, unsmoothed
+from physics.semiglobal import HOPELESS, Objective, refine, unsmoothed
 from physics.tiles import TILE_BYTES, run_tiled
 
 from .doubt import (
@@ -32,7 +32,7 @@ def solve(cube, library, environment, smooth, report, lap):
     """
     model = reduce_model(cube, library, environment)
     if smooth:
-        local = solve_local(model, cube.spectra, report("local"))
+        local = solve_local(model, cube.spectra, report("local"), HOPELESS)
         lap("local")
         objective = Objective(model, cube.radiance, local)
         answer = refine(objective, objective.local_state(), report("refine"))

@@ -160,7 +160,8 @@ def _ascending(raw, bands):
         twice = w[1:][np.diff(w) == 0][0]
         raise InputError(f"cube: the wavelength {twice:g} um is there twice; give each once.")
     moved = "" if (step == 1).all() else ", order reversed" if (step == -1).all() else ", sorted"
-    words = [ends + ("" if raw.axis == "um" else f" became {w[0]:.4g}-{w[-1]:.4g} um") + moved]
+    alike = raw.axis == "um" and not moved
+    words = [ends + ("" if alike else f" became {w[0]:.4g}-{w[-1]:.4g} um{moved}")]
     if bad := int(np.count_nonzero(wanted & ~good)):
         words.append(f"{bad} band{'s' * (bad > 1)} left out that the file calls bad")
     return np.flatnonzero(good)[order], w, words
