@@ -51,7 +51,7 @@ def paper_decompose(cube, library, environment):
     # under another name the sky is a material like the others
     plain = replace(library, names=[n.replace(SKY, "the sky") for n in library.names])
     objective = _objective(cube, plain, environment)
-    alone = unsmoothed(objective.model, cube.spectra, objective.local)
+    alone = unsmoothed(objective.local)
     misfit = _misfit(cube, objective, alone.state)
     loud = replace(cube, netd_k=cube.netd_k * max(1.0, float(np.median(misfit))))
     objective = _objective(loud, plain, environment)

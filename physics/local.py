@@ -46,12 +46,14 @@ class LocalSolution:
     sigma_k        (P, L) float32, one standard deviation of T given m, K
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
                    pixel or the one at the sky's edge, whichever has more evidence
+    lighting       (P, k) float32, V of the material of least energy
     """
 
     energy: np.ndarray
     temperature_k: np.ndarray
     sigma_k: np.ndarray
     row: np.ndarray
+    lighting: np.ndarray
 
 
 def solve_local(
@@ -67,6 +69,7 @@ def solve_local(
     temperature = np.full(shape, model.prior_mean_k, np.float32)
     sigma = np.full(shape, model.prior_sigma_k, np.float32)
     row = np.zeros(shape, np.int16)
+    lighting = np.empty((pixels, model.k), np.float32)
     prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
     of_t = model.terms, model.k, model.half_k, *prior
     linear, square = model.of_all()
@@ -79,11 +82,11 @@ def solve_local(
         _solve_all(
             spectra[block], start_k[block], model.sigma, linear, square, model.gram, tables, *of_t,
             model.material, model.material == model.library.sky_index, model.mid_k, hopeless,
-            energy[block], temperature[block], sigma[block], row[block],
+            energy[block], temperature[block], sigma[block], row[block], lighting[block],
         )  # fmt: skip
         if progress:
             progress(block.stop, pixels)
-    return LocalSolution(energy, temperature, sigma, row)
+    return LocalSolution(energy, temperature, sigma, row, lighting)
 
 
 def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k):
@@ -291,7 +294,7 @@ def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
 @numba.njit(cache=True, parallel=True, fastmath=False)
 def _solve_all(
     spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material,
-    is_sky, mid, hopeless, energy, temperature, sigma, row,
+    is_sky, mid, hopeless, energy, temperature, sigma, row, lighting,
 ):  # fmt: skip
     """All hypotheses of P pixels, LANES at a time: `solve_local` from plain arrays."""
     pixels, bands, rows, lanes = len(spectra), len(noise), len(gram), unbounded.LANES
@@ -336,6 +339,7 @@ def _solve_all(
                     temperature[pixel, m] = mid + half * tau[r, p]
                     sigma[pixel, m] = curvature[r, p] ** -0.5
                     row[pixel, m] = r
+            lighting[pixel] = v[row[pixel, energy[pixel].argmin()], :, p]
 
 
 @numba.njit(cache=True, fastmath=False)
@@ -375,6 +379,7 @@ def _bounded(
             own, gram[r], n, k, half, weight, mean, tau[r, p], at, free, work
         )
         value[r, p] += constant[r, p]
+        v[r, :, p] = at
         best = min(best, value[r, p])
         if not is_sky[r]:
             ground = min(ground, value[r, p])

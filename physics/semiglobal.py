@@ -103,15 +103,17 @@ class Refined:
     objective: tuple[float, ...]
 
 
-def unsmoothed(model: ReducedModel, spectra, local: LocalSolution) -> Refined:
-    """The local answer in full: V too, and probabilities from the evidence alone."""
-    p, nothing = np.arange(len(spectra)), np.zeros(len(spectra))
-    m = local.energy.argmin(axis=1)
-    row = local.row[p, m]
-    start_k = local.temperature_k[p, m].astype(np.float64)
-    _, t, v, sigma = solve_given(model, spectra, row, start_k, nothing, nothing)
-    state = State(temperature_k=t, material=m, thermal_lighting=v, row=row)
-    return Refined(state=state, sigma_k=sigma, probability=_softmax(-local.energy), objective=())
+def unsmoothed(local: LocalSolution) -> Refined:
+    """The local answer alone: of every pixel the material of least energy."""
+    p, m = np.arange(len(local.energy)), local.energy.argmin(axis=1)
+    state = State(
+        temperature_k=local.temperature_k[p, m].astype(np.float64), material=m,
+        thermal_lighting=local.lighting.astype(np.float64), row=local.row[p, m],
+    )  # fmt: skip
+    return Refined(
+        state=state, sigma_k=local.sigma_k[p, m].astype(np.float64),
+        probability=_softmax(-local.energy), objective=(),
+    )  # fmt: skip
 
 
 class Objective:
@@ -151,9 +153,7 @@ class Objective:
 
     def local_state(self):
         """The local answer as a start: each pixel's material of least energy."""
-        m = self.local.energy.argmin(axis=1)
-        t = self.local.temperature_k[np.arange(len(m)), m]
-        return self.state(t, m, np.full((len(m), self.model.k), 1.0 / self.model.k))
+        return unsmoothed(self.local).state
 
     def value(self, state):
         """E(T, m, V) in nats."""

@@ -77,6 +77,18 @@ def test_picks_the_material_and_its_lighting(make_pixels):
     assert error < 0.1 * np.abs(p.texture - p.texture.mean(axis=0)).mean()
 
 
+@pytest.mark.parametrize("k", [1, 4])
+def test_lighting_is_that_of_the_best_material(make_pixels, k):
+    p = make_pixels(k=k, shape=(9, 11), seed=k)
+    model, local = solve(p)
+    i, best = np.arange(99), local.energy.argmin(axis=1)
+    assert (local.lighting >= 0).all()
+    np.testing.assert_allclose(local.lighting.sum(axis=1), 1, atol=1e-6)
+    t = local.temperature_k[i, best].astype(float)
+    energy = energy_given(model, p.cube.spectra, local.row[i, best], t, local.lighting)
+    np.testing.assert_allclose(energy, local.energy[i, best], atol=1e-3)
+
+
 def test_noiseless_pixel_returns_exactly(make_pixels):
     p = make_pixels(netd=1e-3, shape=(5, 5))
     model, local = solve(p)

@@ -420,7 +420,7 @@ def test_beats_the_local_answer_on_piecewise_constant_scenes():
         s, _ = render(temperature, library.at(w)[material], lighting, environment.radiance, w)
         s = s + rng.normal(size=s.shape) * noise_sigma(w, 0.2)
         objective, smooth = solve(library, environment, s, 0.2)
-        local = unsmoothed(objective.model, objective.spectra, objective.local).state
+        local = unsmoothed(objective.local).state
         scores.append(
             [
                 ((a.material != material.ravel()).mean(),

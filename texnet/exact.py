@@ -44,7 +44,7 @@ def solve(cube, library, environment, smooth, report, lap):
     def tile(part, _):
         spectra = part.reshape(cube.bands, -1).T
         local = solve_local(model, spectra)
-        answer = unsmoothed(model, spectra, local)
+        answer = unsmoothed(local)
         return _maps(part, library, environment, model, local, answer, LOCAL_TRUST)
 
     pixels = TILE_BYTES / (BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands)
