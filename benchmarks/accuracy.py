@@ -105,7 +105,9 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--scenes", type=int, default=RANDOM_SCENES, help="random ones")
     parser.add_argument("--bands", type=int, nargs="+", default=BANDS)
-    parser.add_argument("--finer", type=int, default=1, help="times the pixels on each side")
+    parser.add_argument(
+        "--finer", type=int, choices=range(1, 9), default=1, help="times the pixels on each side"
+    )
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ from physics.environment import Environment
 from physics.library import SKY
 from physics.local import solve_local
 from physics.reduced import V_PRECISION, groups, reduce_model
-from physics.semiglobal import HOPELESS, Objective, refine, unsmoothed
+from physics.semiglobal import Objective, refine, unsmoothed
 from texnet.pipeline import Decomposition
 
 # of the solvers' priors: so little that it matters only where nothing else says anything
@@ -92,7 +92,7 @@ def _objective(cube, library, environment):
         model, gram=gram, offset=LEFT_OF_V_PRIOR * model.offset,
         occam=np.zeros_like(model.occam), prior_sigma_k=PRIOR_SIGMA_K,
     )  # fmt: skip
-    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra, hopeless=HOPELESS))
+    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
     objective.log_share[:], objective.unary = 0.0, objective.local.energy
     return objective
 

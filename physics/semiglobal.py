@@ -41,9 +41,6 @@ from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 
 BETA = 3.0  # nats that a full-weight edge between two materials costs
-# For `solve_local`: more than neighbours (at most 4 BETA = 12) and the materials' shares in a scene
-# (log of some 40,000 pixels times the materials, 18 for 1500) can make up for
-HOPELESS = 30.0  # nats
 EDGE_SCALE = 4.0
 DELTA_K = 1.0  # temperature steps well below this are smoothed, well above are kept
 MEAN_FIELD_SWEEPS = 10
@@ -119,8 +116,7 @@ def unsmoothed(local: LocalSolution) -> Refined:
 class Objective:
     """E of one cube: the unaries come from the local solution, the edges from the cube.
 
-    radiance (bands, height, width) as in HeatCube; local is for its pixels in row order, and knows
-    every energy that may matter: up to HOPELESS above the least.
+    radiance (bands, height, width) as in HeatCube; local is for its pixels in row order.
     """
 
     def __init__(self, model: ReducedModel, radiance, local: LocalSolution):

@@ -19,7 +19,7 @@ from physics.eq1 import render
 from physics.local import solve_local
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.reduced import reduce_model
-from physics.semiglobal import HOPELESS, Objective, State, refine, unsmoothed
+from physics.semiglobal import Objective, State, refine, unsmoothed
 
 
 def smooth_map(rng, shape, scale):
@@ -53,7 +53,7 @@ class Scene:
     def objective(self, cube=None, library=None):
         cube = cube or self.cube
         model = reduce_model(cube, library or self.library, self.environment)
-        return Objective(model, cube.radiance, solve_local(model, cube.spectra, hopeless=HOPELESS))
+        return Objective(model, cube.radiance, solve_local(model, cube.spectra))
 
 
 def wavelengths(bands=24):
@@ -450,7 +450,7 @@ def plain():
 def solve(library, environment, s, netd):
     cube = HeatCube(s.transpose(2, 0, 1), environment.wavelength_um, netd_k=netd)
     model = reduce_model(cube, library, environment)
-    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra, hopeless=HOPELESS))
+    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
     return objective, refine(objective, objective.local_state()).state
 
 

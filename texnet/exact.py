@@ -6,7 +6,7 @@ from physics.distill import distill
 from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
-from physics.semiglobal import HOPELESS, Objective, refine, unsmoothed
+from physics.semiglobal import Objective, refine, unsmoothed
 from physics.tiles import TILE_BYTES, run_tiled
 
 from .doubt import (
@@ -20,6 +20,7 @@ from .doubt import (
     SGD_TRUST,
 )
 
+HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
 
@@ -32,7 +33,7 @@ def solve(cube, library, environment, smooth, report, lap):
     """
     model = reduce_model(cube, library, environment)
     if smooth:
-        local = solve_local(model, cube.spectra, report("local"), HOPELESS)
+        local = solve_local(model, cube.spectra, report("local"))
         lap("local")
         objective = Objective(model, cube.radiance, local)
         answer = refine(objective, objective.local_state(), report("refine"))
@@ -43,7 +44,7 @@ def solve(cube, library, environment, smooth, report, lap):
 
     def tile(part, _):
         spectra = part.reshape(cube.bands, -1).T
-        local = solve_local(model, spectra)
+        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE)
         answer = unsmoothed(local)
         return _maps(part, library, environment, model, local, answer, LOCAL_TRUST)
 
