@@ -48,7 +48,7 @@ from benchmarks.peers.scipy_fit import fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
-from physics.evidence import Known
+from physics.evidence import Known, hypotheses
 from physics.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
@@ -123,7 +123,7 @@ def methods(cube, library):
 
     def net():
         with torch.no_grad():
-            network(known, stem(known, part)[0], (TILE, TILE))
+            network(known, stem(known, hypotheses(known), part.flatten(1)), (TILE, TILE))
 
     rows = [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),

@@ -1,6 +1,6 @@
 """Answers from a texnet ONNX file by numpy and onnxruntime alone, in bounded memory.
 
-A pixel takes some 10 kB on the way (see `physics.evidence`), so an image is answered tile by
+A pixel takes some 2 kB on the way (`physics.known`), so an image is answered tile by
 tile, several at once: each by one thread, which wastes less than many threads on one tile.
 """
 

@@ -12,6 +12,7 @@ import json
 import logging
 import warnings
 from contextlib import contextmanager
+from copy import deepcopy
 from importlib.metadata import version
 
 import onnx
@@ -82,7 +83,7 @@ def export_onnx(network, history, path):
     """
     check_writable(path)
     with _quiet():
-        model = _trace(TeXModel(network).eval())
+        model = _trace(TeXModel(deepcopy(network).requires_grad_(False)).eval())
     _name_sizes(model)
     _forget_origin(model)
     for key, value in _metadata(network, history).items():
@@ -158,15 +159,25 @@ def _name_sizes(model):
 
 def _forget_origin(model):
     """Drop what only the exporter's authors need: traces of this machine's source files."""
-    del model.graph.value_info[:]
     del model.metadata_props[:]
-    del model.graph.metadata_props[:]
-    for node in model.graph.node:
-        node.doc_string = ""
-        del node.metadata_props[:]
-    for value in [*model.graph.input, *model.graph.output, *model.graph.initializer]:
-        value.doc_string = ""
-        del value.metadata_props[:]
+    for graph in _graphs(model.graph):
+        del graph.value_info[:]
+        del graph.metadata_props[:]
+        for node in graph.node:
+            node.doc_string = ""
+            del node.metadata_props[:]
+        for value in [*graph.input, *graph.output, *graph.initializer]:
+            value.doc_string = ""
+            del value.metadata_props[:]
+
+
+def _graphs(graph):
+    """A graph and those within its nodes."""
+    yield graph
+    for node in graph.node:
+        for attribute in node.attribute:
+            if attribute.HasField("g"):
+                yield from _graphs(attribute.g)
 
 
 def _metadata(network, history):

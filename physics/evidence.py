@@ -103,7 +103,7 @@ class Hypotheses(NamedTuple):
 
 def hypotheses(known: Known) -> Hypotheses:
     """Set up all hypotheses of a scene."""
-    known = Known(*(x.double() for x in known))
+    look, known = known.basis, Known(*(x.double() for x in known))
     sky, sigma, k = known.is_sky, known.sigma, known.environment.shape[0]
     in_view = (known.sky_mean.max() > 0).double()
     share = torch.cat([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
@@ -158,7 +158,7 @@ def hypotheses(known: Known) -> Hypotheses:
         emissivity=emissivity.float(),
         rim=rim.float(),
         centre=centre.float(),
-        look=known.basis.float(),
+        look=look,
         to_w=to_w.flatten(0, 1).float(),
         to_x=(of_x @ to_w).flatten(0, 1).float(),
         offset=(prior - log_det(lower)).float(),
@@ -185,11 +185,30 @@ _NEVER = 1e15  # nats; misfits reach 1e12
 
 def evidence(h: Hypotheses, s):
     """log p(z | h) (R, P), x^ (R, r, P) and z (d, P) of noise-scaled spectra s (bands, P)."""
-    z = h.look @ (s - h.centre[:, None])
-    and_1 = torch.cat([z, torch.ones_like(z[:1])])
-    each = (h.offset.shape[0], -1)
-    w, x = (h.to_w @ and_1).unflatten(0, each), (h.to_x @ and_1).unflatten(0, each)
-    return h.offset[:, None] - 0.5 * (w * w).sum(1), x, z
+    z = components(h, s)
+    # by halves: w of all hypotheses would be the most that a pixel takes
+    halves = [_squares(rows, z) for rows in h.to_w.unflatten(0, (2, -1))]
+    return h.offset[:, None] - 0.5 * torch.cat(halves), likeliest(h, z), z
+
+
+def components(h: Hypotheses, s):
+    """z (d, P) of noise-scaled spectra s (bands, P)."""
+    return h.look @ (s - h.centre[:, None])
+
+
+def likeliest(h: Hypotheses, z):
+    """x^ (R, r, P) of z (d, P)."""
+    return _affine(h.to_x, z).unflatten(0, (h.offset.shape[0], -1))
+
+
+def _squares(to_w, z):
+    """(R, P) |w|^2."""
+    w = _affine(to_w, z).unflatten(0, (-1, z.shape[0]))
+    return (w * w).sum(1)
+
+
+def _affine(a, z):
+    return a @ torch.cat([z, torch.ones_like(z[:1])])
 
 
 def hermite(t):

@@ -66,12 +66,10 @@ def known_arrays(cube, library, environment):
 
 
 def bytes_per_pixel(known):
-    """About what a pixel takes, at most, on its way to an answer, by known_arrays: w of all
-    hypotheses and its squares, or the matrices of those refined, and what lives throughout."""
-    materials, bands, nodes = known["emissivity"].shape
-    unknowns = len(known["environment"]) + TERMS
-    at_its_peak = max(8 * materials * (2 * MAX_COMPONENTS + 6), 44 * unknowns**2)
-    return at_its_peak + 8 * materials * unknowns + 16 * bands * nodes + 1500
+    """About what a pixel takes, at most, on its way to an answer, by known_arrays: its spectrum in
+    several layouts, maps of all materials, and the network's channels."""
+    materials, bands, _ = known["emissivity"].shape
+    return 16 * bands + 40 * materials + 700
 
 
 def _basis(s, cube, emissivity, environment, mean_k, spread_k):

@@ -42,7 +42,8 @@ def radiance_derivative(wavelength_um, temperature_k):
 def brightness_temperature(wavelength_um, spectral_radiance):
     """The T with B(wavelength, T) = spectral_radiance, in K; spectral_radiance > 0."""
     xp = _namespace(wavelength_um, spectral_radiance)
-    return C2 / (wavelength_um * xp.log1p(C1 / (wavelength_um**5 * spectral_radiance)))
+    # what depends on the band alone first: spectra are many
+    return C2 / wavelength_um / xp.log1p(C1 / wavelength_um**5 / spectral_radiance)
 
 
 def noise_sigma(wavelength_um, netd_k):

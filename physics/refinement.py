@@ -36,6 +36,7 @@ TYPICAL_K = 10.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
 MAX_STEP = 1.5  # prior deviations
 TINY = 1e-12
+ZERO = 1e-6  # of V_j
 
 
 class Blocks(NamedTuple):
@@ -58,8 +59,8 @@ class Blocks(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """t (C, P) in prior deviations and its standard deviation sigma, V (k, C, P) on the simplex
-    and E (C, P) in nats, of P pixels with C hypotheses each."""
+    """t (P,) in prior deviations and its standard deviation sigma, V (k, P) on the simplex and
+    E (P,) in nats, of P pixels with a hypothesis each."""
 
     t: torch.Tensor
     sigma: torch.Tensor
@@ -89,9 +90,9 @@ def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
 def refine(
     b: Blocks, x, row, t, guess, width=1.0, steps=STEPS, precision=GUESS_PRECISION
 ) -> Refined:
-    """Minimise E from t (P,) and guess (k, P) for the hypotheses row (C, P).
+    """Minimise E from t (P,) and guess (k, P) for the hypotheses row (P,).
 
-    x (k + n, C, P) are the x^ of `evidence` for these hypotheses; width is tau_1 / tau, at most 1;
+    x (k + n, P) are the x^ of `evidence` for these hypotheses; width is tau_1 / tau, at most 1;
     steps, at least 1, are those of T and V.
     """
     k = guess.shape[0]
@@ -99,7 +100,7 @@ def refine(
     hot = one_hot(row, b.determinant.shape[0])
     vv, vt, tt, solve = (of_rows(a, hot) for a in (b.vv, b.vt, b.tt, b.solve))
     narrow = width**-2
-    v_hat, v_0 = x[:k], ((guess - 1 / k) / scale)[:, None]
+    v_hat, v_0 = x[:k], (guess - 1 / k) / scale
     pull = precision * v_0 - (precision - 1) * v_hat
     pulled = _times(of_rows(b.pulled, hot), pull)
     c_2, v_2 = (x + pulled)[k:], (x + pulled)[:k] * scale + 1 / k
@@ -112,15 +113,14 @@ def refine(
         force = (j * _times(tt, c_2 - c) + c * slope).sum(0) - narrow * t
         return (force / curvature).clamp(-MAX_STEP, MAX_STEP), curvature, c, slope
 
-    t = t.expand(row.shape).clamp(-MAX_T, MAX_T)
+    t = t.clamp(-MAX_T, MAX_T)
     for _ in range(FREE_STEPS):
         t = (t + newton(t)[0]).clamp(-MAX_T, MAX_T)
-    covariance = of_rows(b.covariance, hot)
     for _ in range(steps):
         step, curvature, c, slope = newton(t)
         v = v_2 - _times(solve, _times(vt, c + slope * step - c_2))
         lean = -_times(solve, _times(vt, slope))  # dV / dt
-        step, v, sigma = _bounded(step, v, covariance, lean, 1 / curvature)
+        step, v, sigma = _bounded(b, row, step, v, lean, 1 / curvature)
         t = (t + step).clamp(-MAX_T, MAX_T)
     _, curvature, c, _ = newton(t)
     off = c - c_2
@@ -147,23 +147,45 @@ def deviations(h: Hypotheses, z, x, hot, t, lighting):
     return likeliest - _times(of_rows(h.lean, hot), at - x)
 
 
-def _bounded(step, v, covariance, lean, variance):
-    """Condition the Gaussian of (step, V) on V >= 0, the V_j most sigmas below first."""
+def _bounded(b, row, step, v, lean, variance):
+    """Condition the Gaussian of (step, V) on V >= 0 -> step, V on the simplex, sigma of step.
+
+    variance is that of the step (P,), lean (k, P) is dV / d step. Most pixels need it not at all,
+    few more than once: only those that still do are looked at.
+    """
+    out = _outside(v)
+    lean = torch.cat([torch.ones_like(step)[None], lean])[:, out]
+    covariance = of_rows(b.covariance, one_hot(row[out], b.covariance.shape[0]))
+    covariance = functional.pad(covariance, (0, 0, 1, 0, 1, 0))
+    covariance = covariance + variance[out] * lean[:, None] * lean
     u = torch.cat([step[None], v])
-    lean = torch.cat([torch.ones_like(step)[None], lean])
-    covariance = functional.pad(covariance, (0,) * 2 * (covariance.ndim - 2) + (1, 0, 1, 0))
-    covariance = covariance + variance * lean[:, None] * lean
-    for _ in range(MAX_AT_ZERO):
-        own = torch.diagonal(covariance).movedim(-1, 0)[1:]
-        doubt = torch.where(own > TINY, u[1:] * own.clamp(min=TINY).rsqrt(), 0.0)
-        lowest, j = doubt.min(dim=0, keepdim=True)
-        column = covariance.gather(1, 1 + j[None].expand(u.shape[0], -1, *j.shape[1:]))[:, 0]
-        scale = torch.where(lowest < -1e-6, 1 / own.gather(0, j).clamp(min=TINY), 0.0)
-        column_scaled = column * scale
-        u = u - column_scaled * u.gather(0, 1 + j)
-        covariance = covariance - column[:, None] * column_scaled
+    inside, of_inside = _conditioned(u[:, out], covariance, MAX_AT_ZERO)
+    u, variance = u.index_copy(1, out, inside), variance.index_copy(0, out, of_inside)
     v = u[1:].clamp(min=0)
-    return u[0], v / v.sum(0), covariance[0, 0].clamp(min=TINY).sqrt()
+    return u[0], v / v.sum(0), variance.clamp(min=TINY).sqrt()
+
+
+def _conditioned(u, covariance, times):
+    """Mean (1 + k, P) and the first's variance (P,) after conditioning on zero the V_j that is
+    most sigmas below, at most so many times."""
+    own = torch.diagonal(covariance).movedim(-1, 0)[1:]
+    doubt = torch.where(own > TINY, u[1:] * own.clamp(min=TINY).rsqrt(), 0.0)
+    lowest, j = doubt.min(dim=0, keepdim=True)
+    column = covariance.gather(1, 1 + j[None].expand(u.shape[0], -1, -1))[:, 0]
+    scale = torch.where(lowest < 0, 1 / own.gather(0, j).clamp(min=TINY), 0.0)
+    scaled = column * scale
+    u = u - scaled * u.gather(0, 1 + j)
+    if times == 1:
+        return u, covariance[0, 0] - column[0] * scaled[0]
+    covariance = covariance - column[:, None] * scaled
+    out = _outside(u[1:])
+    inside, of_inside = _conditioned(u[:, out], covariance[:, :, out], times - 1)
+    return u.index_copy(1, out, inside), covariance[0, 0].index_copy(0, out, of_inside)
+
+
+def _outside(v):
+    """Indices of the pixels where some V_j < 0."""
+    return (v.amin(0) < -ZERO).nonzero()[:, 0]
 
 
 def _times(a, x):

@@ -11,7 +11,7 @@ import numpy as np
 
 from . import scratch
 
-TILE_BYTES = 5.2e8  # about what the work on one tile may take, or on two at once
+TILE_BYTES = 3e8  # about what the work on one tile may take, or on two at once
 TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
 
 

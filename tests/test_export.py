@@ -105,6 +105,8 @@ EDGES = [
     dict(shape=(17, 1)),
     dict(shape=(1, 1)),
     dict(bands=1, k=2),
+    # pixels in more chunks than one; the last is not full
+    dict(bands=7, materials=4, shape=(131, 127)),
 ]
 
 

@@ -10,6 +10,7 @@ import torch
 from test_evidence import World, dense, sky_pixels
 from test_network import network, predict
 from test_refinement import cost
+from torch.fx.experimental import _config
 from traced import one_thread  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
@@ -17,7 +18,7 @@ from physics.evidence import Known
 from physics.planck import radiance
 from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
 from texnet.learned import torch_model
-from texnet.model import TeXModel
+from texnet.model import CLOSE_NATS, TeXModel
 
 SHAPE = (12, 15)
 
@@ -270,13 +271,39 @@ def test_a_part_is_answered_as_it_is_in_the_whole(inner):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
 
 
+def test_pixels_answered_in_chunks_are_answered_as_at_once(monkeypatch):
+    world = world_of()
+    cube, _ = under_a_sky(world)
+    model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
+    whole = model(world.known(), image)
+    monkeypatch.setattr("texnet.chunks.CHUNK", 7)
+    for name, a, b in zip(whole._fields, whole, model(world.known(), image), strict=True):
+        torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
+
+
+def test_hypotheses_that_are_not_refined_could_not_have_caught_up(monkeypatch):
+    world = world_of()
+    cube, _ = under_a_sky(world)
+    model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
+    some = model(world.known(), image)
+    monkeypatch.setattr("texnet.model.CLOSE_NATS", 1e9)
+    monkeypatch.setattr("texnet.model.RIM_NATS", 1e9)
+    every = model(world.known(), image)
+    asked = (every.material_probability != some.material_probability).any()
+    assert asked  # some were left out, else this says nothing
+    least = 2 * np.exp(-CLOSE_NATS)
+    assert (every.material_probability - some.material_probability).abs().max() < least
+    assert (every.material == some.material).all()
+
+
 @pytest.mark.parametrize("steps", [0, STEPS])
 def test_it_is_computed_where_its_inputs_are(steps):
     """On torch's device without numbers, which refuses to mix with the CPU as a GPU does."""
     world = world_of()
     known = Known(**{n: a.to("meta") for n, a in world.known()._asdict().items()})
     radiance_there = torch.from_numpy(world.cube.radiance.copy()).to("meta")
-    tex = TeXModel(network().to("meta"), steps)(known, radiance_there)
+    with _config.patch(meta_nonzero_assume_all_nonzero=True):
+        tex = TeXModel(network().to("meta"), steps)(known, radiance_there)
     assert {x.device.type for x in tex} == {"meta"}
     assert tex.texture.shape == (world.bands, *SHAPE)
 

@@ -10,6 +10,7 @@ from test_evidence import World
 from traced import one_thread  # noqa: F401
 
 from physics import InputError
+from physics.evidence import hypotheses
 from texnet.network import DILATIONS, STRIDE, TeXNet, stem
 from texnet.weights import load_network, save_network
 
@@ -28,7 +29,7 @@ def network(seed=0, strength=10.0, **config):
 
 @torch.no_grad()
 def predict(net, known, cube):
-    s = stem(known, torch.from_numpy(cube.radiance.copy()))[0]
+    s = stem(known, hypotheses(known), torch.from_numpy(cube.radiance.copy()).flatten(1))
     return net(known, s, cube.shape)
 
 
@@ -136,7 +137,9 @@ def test_untrained_it_says_what_physics_says():
 def test_every_weight_is_trained():
     world = World(seed=6)
     known, net = world.known(), network(6)
-    s = stem(known, torch.from_numpy(world.cube.radiance.copy()))[0]
+    s = stem(
+        known, hypotheses(known), torch.from_numpy(world.cube.radiance.copy()).flatten(1)
+    )  # fmt: skip
     p = net(known, s, world.shape)
     target = torch.from_numpy(world.material).reshape(1, *world.shape)
     loss = torch.nn.functional.nll_loss(p.log_material[None], target) + p.trust.mean()

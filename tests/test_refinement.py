@@ -47,12 +47,14 @@ class Start:
         self.x_row = self.x.gather(0, at).transpose(0, 1)
 
     def refine(self, steps=12, t=0.0):
+        c = len(self.row)
         t = torch.zeros(len(self.s)) + torch.as_tensor(t, dtype=torch.float32)
         r = refine(
-            self.blocks, self.x_row, self.row, t, self.guess.T, self.width, steps, self.precision
-        )
+            self.blocks, self.x_row.flatten(1), self.row.flatten(), t.repeat(c),
+            self.guess.T.repeat(1, c), self.width, steps, self.precision,
+        )  # fmt: skip
         assert all(a.dtype == torch.float32 for a in r)
-        t, sigma, v, energy = (a.double().numpy().T for a in r)
+        t, sigma, v, energy = (a.unflatten(-1, (c, -1)).double().numpy().T for a in r)
         return Refined(t, sigma, v, energy)
 
     def total(self, r, every):

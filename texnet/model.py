@@ -13,12 +13,13 @@ m. X = V S + D, D being the deviation of the surroundings from the k objects tha
 the pixel's spectrum speaks for, and the sky-lit texture is the sky's part of it (`distill`).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import nn
 
-from physics.evidence import Known
+from physics.evidence import Known, components, hypotheses, likeliest
 from physics.planck import radiance as planck
 from physics.refinement import (
     STEPS,
@@ -31,10 +32,12 @@ from physics.refinement import (
     refine,
 )  # fmt: skip
 
+from .chunks import by_chunks
 from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, OTHER_K, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
 
-HYPOTHESES = 3  # refined per pixel
+HYPOTHESES = 3  # of a pixel, the likeliest
+CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not
 
 
 class TeX(NamedTuple):
@@ -71,76 +74,92 @@ class TeXModel(nn.Module):
 
     @torch.no_grad()
     def forward(self, known: Known, radiance, inner=None) -> TeX:
-        shape, materials = radiance.shape[1:], known.is_sky.shape[0]
-        s, h = stem(known, radiance)
-        b = blocks(h, known.environment.shape[0])
-        net = self.network(known, s, shape)
+        shape, spectra = radiance.shape[1:], radiance.flatten(1)
+        h = hypotheses(known)
+        b, code = blocks(h, known.environment.shape[0]), self.network.encode(known)
 
-        # the likeliest hypotheses
-        never = 1e9 * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
-        log_m = net.log_material.flatten(1) - never[:, None]
-        log_row = torch.cat([log_m + s.log_pure, log_m + s.log_mixed])
-        score, row = log_row.topk(HYPOTHESES, dim=0)
-        x = s.x.gather(0, row[:, None].expand(-1, s.x.shape[1], -1))
-        t = (net.temperature_k.flatten() - known.prior_k[0]) / known.prior_k[1]
-        guess, trust = net.log_lighting.flatten(1).exp(), net.trust.flatten()
-        air, own, z, spectra = s.brightness.amax(0), s.log_evidence, s.z, radiance.flatten(1)
+        def see(spectra):
+            s = stem(known, h, spectra)
+            air = s.brightness.amax(0)  # as warm as its opaque bands look
+            return self.network.own(known, code, s), s.t, s.lighting, air, *s[:3]
+
+        own, t, lighting, air, *evidence = by_chunks(see, (spectra,), spectra.shape[1])
+        net = self.network.look_around(known, code, own, evidence[0], t, lighting, shape)
+        net = tuple(a.flatten(-2) for a in net)
+        seen = (spectra, air, *evidence, *net)
         if inner is not None:
-            of_inner = (log_row, score, row, x, t, guess, trust, air, own, z, spectra)
-            of_inner, shape = _cut(of_inner, shape, inner)
-            log_row, score, row, x, t, guess, trust, air, own, z, spectra = of_inner
+            seen, shape = _cut(seen, shape, inner)
+        answer = partial(_answer, known, h, b, self.steps)
+        tex = by_chunks(answer, seen, spectra.shape[1])
+        return TeX(*(a.unflatten(-1, shape) for a in tex))
 
-        # refined
-        width = TYPICAL_K / known.prior_k[1]
-        if self.steps:
-            r = refine(b, x.transpose(0, 1), row, t, guess, width, self.steps)
-        else:
-            r = _unrefined(b, row, t, guess, width)
-        score = score - trust * r.energy
-        # those that were not refined would lose at least as much as the best of these
-        log_row = log_row - trust * r.energy.amin(0)
-        log_row = log_row.scatter(0, row, score)
-        p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
 
-        best = score.argmax(0, keepdim=True)
-        material = _material(row.gather(0, best)[0], materials)
-        is_sky = known.is_sky[material] > 0
-        # what stands before the sky, where that may be anything
-        solid = score - 1e6 * known.is_sky[_material(row, materials)]
-        of_solid, at = solid.max(0, keepdim=True)
-        empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
-        before = torch.where(is_sky, at, best)
-        t, sigma = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
-        v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
-        weight = torch.softmax(solid, dim=0)
-        doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
-        of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
-        variance = torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
-        temperature = known.prior_k[0] + known.prior_k[1] * t
-        # the air is as warm as its opaque bands look
-        temperature = torch.where(empty, air, temperature)
+def _answer(
+    known, h, b, steps, spectra, air, log_evidence, log_pure, log_mixed, log_material, trust,
+    temperature_k, log_lighting,
+):  # fmt: skip
+    """TeX of P pixels, of their spectra (bands, P), what they say by themselves and what the
+    network says (P its last axis everywhere)."""
+    materials, bands = known.emissivity.shape[:2]
+    # the likeliest hypotheses
+    never = 1e9 * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
+    log_m = log_material - never[:, None]
+    log_row = torch.cat([log_m + log_pure, log_m + log_mixed])
+    score, row = log_row.topk(HYPOTHESES, dim=0)
+    z = components(h, spectra / known.sigma[:, None])
+    x = likeliest(h, z)
+    x = x.gather(0, row[:, None].expand(-1, x.shape[1], -1))
 
-        final = torch.where(empty, best, before)
-        hot = one_hot(row.gather(0, final)[0], 2 * materials)
-        x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
-        off = deviations(h, z, x, hot, t, v)
-        texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
-        # a misfit beyond the noise widens sigma (Birge's ratio)
-        variance = variance * misfit.clamp(min=1) ** 2 + OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
-        sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
-        visible = (~empty).float()
-        bands = radiance.shape[0]
-        # so put that what is no number is unknown
-        fits = (misfit**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) | empty
-        likely = (of_m(p) >= NET_LIKELY) & (of_m(torch.softmax(own, 0)) >= OWN_PROBABILITY)
-        unknown = ~(fits & likely & (temperature > 0))
-        maps = lambda a: a.unflatten(-1, shape)  # noqa: E731
-        return TeX(
-            material_probability=maps(p), material=maps(material),
-            temperature_k=maps(temperature), temperature_sigma_k=maps(sigma),
-            thermal_lighting=maps(v * visible), texture=maps(texture * visible),
-            sky_texture=maps(sky_texture * visible), residual=maps(misfit), unknown=maps(unknown),
-        )  # fmt: skip
+    # refined
+    t, guess = (temperature_k - known.prior_k[0]) / known.prior_k[1], log_lighting.exp()
+    width = TYPICAL_K / known.prior_k[1]
+    if steps:
+        sky_first = known.is_sky[_material(row[0], materials)] > 0
+        r = _refined(b, x, row, score, trust, t, guess, width, steps, sky_first)
+    else:
+        r = _unrefined(b, row, t, guess, width)
+    score = score - trust * r.energy
+    # those that were not refined would lose at least as much as the best of these
+    log_row = log_row - trust * r.energy.amin(0)
+    log_row = log_row.scatter(0, row, score)
+    p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
+
+    best = score.argmax(0, keepdim=True)
+    material = _material(row.gather(0, best)[0], materials)
+    is_sky = known.is_sky[material] > 0
+    # what stands before the sky, where that may be anything
+    solid = score - 1e6 * known.is_sky[_material(row, materials)]
+    of_solid, at = solid.max(0, keepdim=True)
+    empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
+    before = torch.where(is_sky, at, best)
+    t, sigma = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
+    v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
+    weight = torch.softmax(solid, dim=0)
+    doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
+    of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
+    variance = torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
+    temperature = known.prior_k[0] + known.prior_k[1] * t
+    temperature = torch.where(empty, air, temperature)
+
+    final = torch.where(empty, best, before)
+    hot = one_hot(row.gather(0, final)[0], 2 * materials)
+    x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
+    off = deviations(h, z, x, hot, t, v)
+    texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
+    # a misfit beyond the noise widens sigma (Birge's ratio)
+    variance = variance * misfit.clamp(min=1) ** 2 + OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
+    sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
+    visible = (~empty).float()
+    # so put that what is no number is unknown
+    fits = (misfit**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) | empty
+    own = of_m(torch.softmax(log_evidence, 0))
+    likely = (of_m(p) >= NET_LIKELY) & (own >= OWN_PROBABILITY)
+    unknown = ~(fits & likely & (temperature > 0))
+    return TeX(
+        material_probability=p, material=material, temperature_k=temperature,
+        temperature_sigma_k=sigma, thermal_lighting=v * visible, texture=texture * visible,
+        sky_texture=sky_texture * visible, residual=misfit, unknown=unknown,
+    )  # fmt: skip
 
 
 def _cut(arrays, shape, inner):
@@ -152,6 +171,23 @@ def _cut(arrays, shape, inner):
     torch._check(left + width <= shape[1])
     cut = lambda a: a.unflatten(-1, shape).narrow(-2, top, height).narrow(-1, left, width)  # noqa: E731
     return tuple(cut(a).flatten(-2) for a in arrays), (height, width)
+
+
+def _refined(b, x, row, score, trust, t, guess, width, steps, sky_first):
+    """Refined (..., C, P) of the C likeliest hypotheses; those too far behind the first to catch
+    up are answered as it is."""
+    pixel = torch.arange(t.shape[0], device=t.device).repeat(row.shape[0] - 1)
+    first = refine(b, x[0], row[0], t, guess, width, steps)
+    behind = score[0] - trust * first.energy - score[1:]
+    too_far = torch.where(sky_first, behind.amin(0) - RIM_NATS, behind - CLOSE_NATS)
+    close = (too_far < 0).flatten().nonzero()[:, 0]
+    at = pixel[close]
+    x_close = x[1:].transpose(0, 1).flatten(1)[:, close]
+    more = refine(b, x_close, row[1:].flatten()[close], t[at], guess[:, at], width, steps)
+    return Refined(*(
+        torch.cat([a, a[..., pixel].index_copy(-1, close, c)], -1).unflatten(-1, row.shape)
+        for a, c in zip(first, more, strict=True)
+    ))  # fmt: skip
 
 
 def _unrefined(b, row, t, lighting, width):
@@ -172,9 +208,9 @@ def _texture(known, h, spectra, hot, temperature, v, off):
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
     glow = (of_rows(e, of_m) * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
-    skylight = known.skylight_spread.T @ off[n:d]
-    texture = known.environment.T @ v + known.spread.T @ off[:n] + skylight
-    of_sky = known.sky_mean[:, None] + known.sky_spread.T @ off[d:-1]
+    skylight = known.skylight_spread.t() @ off[n:d]
+    texture = known.environment.t() @ v + known.spread.t() @ off[:n] + skylight
+    of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[d:-1]
     rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, of_m)) * texture) + share * of_sky
     rendered = rendered + of_rows(h.rim, hot) * off[-1]
     misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()

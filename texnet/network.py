@@ -23,8 +23,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from physics.evidence import Known, evidence, hypotheses, lighting_scale
-from physics.known import MAX_T
+from physics.evidence import Hypotheses, Known, evidence, lighting_scale
+from physics.known import MAX_T, TERMS
 from physics.planck import brightness_temperature, noise_sigma
 
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
@@ -37,16 +37,13 @@ COLDEST_K = 60.0
 
 
 class Stem(NamedTuple):
-    """What physics says of P pixels, M materials (2 M hypotheses, see Hypotheses).
+    """What physics says of P pixels and M materials, pure or mixed with sky.
 
-    x (2 M, r, P) and z (d, P) of `evidence`; log_evidence (M, P) of pure or mixed, log_pure and
-    log_mixed (M, P) the logarithms of their shares in it; t (M, P) temperature in prior
-    deviations; lighting (k, P) of the likeliest hypothesis, clipped to the simplex; brightness
-    (bands, P) brightness temperature, K.
+    log_evidence (M, P) of pure or mixed, log_pure and log_mixed (M, P) the logarithms of their
+    shares in it; t (M, P) temperature in prior deviations; lighting (k, P) of the likeliest
+    hypothesis, clipped to the simplex; brightness (bands, P) brightness temperature, K.
     """
 
-    x: torch.Tensor
-    z: torch.Tensor
     log_evidence: torch.Tensor
     log_pure: torch.Tensor
     log_mixed: torch.Tensor
@@ -55,27 +52,26 @@ class Stem(NamedTuple):
     brightness: torch.Tensor
 
 
-def stem(known: Known, radiance):
-    """Stem of radiance (bands, height, width) W m-2 sr-1 um-1, and its Hypotheses."""
-    k, h = known.environment.shape[0], hypotheses(known)
-    spectra = radiance.flatten(1)
-    per_row, x, z = evidence(h, spectra / known.sigma[:, None])
+def stem(known: Known, h: Hypotheses, spectra):
+    """Stem of spectra (bands, P) W m-2 sr-1 um-1; h = hypotheses(known)."""
+    k = known.environment.shape[0]
+    per_row, x, _ = evidence(h, spectra / known.sigma[:, None])
     pure, mixed = per_row[: known.is_sky.shape[0]], per_row[known.is_sky.shape[0] :]
     more = mixed - pure
     log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) is so much above the larger
     log_pure, log_mixed = -(more.relu() + log_sum), -((-more).relu() + log_sum)
-    t = x[:, k].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))
+    t = x[:, -TERMS].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))
     best = per_row.argmax(dim=0)
     v = x.gather(0, best.expand(1, k, -1))[0]
     v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
     return Stem(
-        x=x, z=z, log_evidence=torch.maximum(pure, mixed) + log_sum,
+        log_evidence=torch.maximum(pure, mixed) + log_sum,
         log_pure=log_pure, log_mixed=log_mixed,
         t=t[0] * log_pure.exp() + t[1] * log_mixed.exp(), lighting=v / v.sum(0).clamp(min=1e-6),
         brightness=brightness_temperature(
             known.nodes_um.mean(1)[:, None], spectra.clamp(min=1e-6)
         ),
-    ), h  # fmt: skip
+    )  # fmt: skip
 
 
 def log_add(a, b):
@@ -88,9 +84,30 @@ def _log_1p_exp(x):
     return torch.log(1 + torch.exp(x))
 
 
+def _asinh(x):
+    """asinh x, coarsely below -100; as above."""
+    return torch.log((x + (x * x + 1).sqrt()).clamp(min=1e-4))
+
+
 def _softplus(x):
     """log(1 + exp x); as above."""
     return x.relu() + _log_1p_exp(-x.abs())
+
+
+def _relative(log_evidence):
+    """log p(m | z) (M, P) with all materials alike beforehand, not too low; and log p(z) (P,)."""
+    best = log_evidence.amax(0)
+    best = best + (log_evidence - best).exp().sum(0).log()
+    return (log_evidence - best).clamp(min=EVIDENCE_FLOOR), best
+
+
+class Code(NamedTuple):
+    """curve (M, CODE) of the materials, light (k, LIGHT_CODE) of the environment's objects and
+    kernel (bands, SPECTRUM_CODE), by which pixels look at spectra."""
+
+    curve: torch.Tensor
+    light: torch.Tensor
+    kernel: torch.Tensor
 
 
 class Prediction(NamedTuple):
@@ -138,27 +155,35 @@ class TeXNet(nn.Module):
         return -(-(reach + messages * (messages + 1) // 2) // stride) * stride
 
     def forward(self, known: Known, s: Stem, shape) -> Prediction:
-        height, width = shape
+        code = self.encode(known)
+        own = self.own(known, code, s)
+        return self.look_around(known, code, own, s.log_evidence, s.t, s.lighting, shape)
+
+    def encode(self, known: Known) -> Code:
+        """What materials, objects and bands are to the network."""
         wavelength = known.nodes_um.mean(1)
-        prior, deviation = known.prior_k[0], known.prior_k[1]
         e = known.emissivity.mean(-1)
         e = e + (1 - e) * known.is_sky[:, None]
-        curve = self.curve(torch.asinh(20 * (1 - e)), known.is_sky, wavelength)
-        over = brightness_temperature(wavelength, known.environment) - prior
-        light = self.light(over / 10, known.sky_object, wavelength)
+        over = brightness_temperature(wavelength, known.environment) - known.prior_k[0]
+        return Code(
+            curve=self.curve(torch.asinh(20 * (1 - e)), known.is_sky, wavelength),
+            light=self.light(over / 10, known.sky_object, wavelength),
+            kernel=self.kernel(wavelength),
+        )
 
-        best = s.log_evidence.amax(0)
-        belief = (s.log_evidence - best).exp()
-        best = best + belief.sum(0).log()
-        log_evidence = (s.log_evidence - best).clamp(min=EVIDENCE_FLOOR)
+    def own(self, known: Known, code: Code, s: Stem):
+        """(width, P) what each pixel says by itself."""
+        curve, light, kernel = (a.t() for a in code)
+        prior, deviation = known.prior_k[0], known.prior_k[1]
+        log_evidence, best = _relative(s.log_evidence)
         belief = log_evidence.exp()
         soft = torch.softmax(0.2 * log_evidence, dim=0)
         mean = s.brightness.mean(0)
-        contrast = (s.brightness - mean) / 2
-        contrast = contrast.sign() * torch.log(contrast.abs() + (contrast**2 + 1).sqrt())  # asinh
-        bands = wavelength.shape[0]
+        contrast = _asinh((s.brightness - mean) / 2)
+        bands = known.nodes_um.shape[0]
         t = (belief * s.t).sum(0)
-        noise = torch.log((known.sigma / noise_sigma(wavelength, NOISE_AT)).mean())
+        usual = noise_sigma(known.nodes_um.mean(1), NOISE_AT)
+        noise = torch.log((known.sigma / usual).mean())
         scalars = torch.stack([
             (mean - prior) / 10,
             t * deviation / 10,
@@ -172,15 +197,21 @@ class TeXNet(nn.Module):
             0 * mean + torch.log(torch.full_like(prior, bands) / 30),
         ])  # fmt: skip
         features = torch.cat([
-            self.kernel(wavelength).T @ contrast / bands, curve.T @ belief, curve.T @ soft,
-            light.T @ s.lighting, scalars,
+            kernel @ contrast / bands, curve @ belief, curve @ soft, light @ s.lighting, scalars,
         ])  # fmt: skip
-        out = self._look_around(features.reshape(1, -1, height, width))
+        return functional.relu(self.inlet(features[None, :, :, None]))[0, :, :, 0]
+
+    def look_around(
+        self, known: Known, code: Code, own, log_evidence, t, lighting, shape
+    ) -> Prediction:
+        """own (width, P) of a whole picture, and of its Stem log_evidence, t and lighting."""
+        height, width = shape
+        out = self._heads(own.reshape(1, -1, height, width))
         out = out[0].reshape(-1, height * width)
         n = CODE + LIGHT_CODE
 
         trust = _softplus(out[n] + 0.5413)  # 1 at first
-        logits = trust * log_evidence + curve @ out[:CODE]
+        logits = trust * _relative(log_evidence)[0] + code.curve @ out[:CODE]
         for i in range(self.config["messages"]):
             weight = _softplus(out[n + 3 + 8 * i : n + 11 + 8 * i] - 1.0)
             logits = logits + _messages(
@@ -188,20 +219,19 @@ class TeXNet(nn.Module):
                 weight.reshape(8, height, width), 1 + i,
             ).reshape(logits.shape)  # fmt: skip
         log_material = torch.log_softmax(logits, 0)
-        t = (log_material.exp() * s.t).sum(0)
-        temperature = (prior + deviation * t + out[n + 2]).clamp(min=COLDEST_K)
+        t = known.prior_k[0] + known.prior_k[1] * (log_material.exp() * t).sum(0)
+        temperature = (t + out[n + 2]).clamp(min=COLDEST_K)
         share = _softplus(out[n + 1] + 0.5413)
-        lighting = share * torch.log(s.lighting + 0.03) + light @ out[CODE:n]
+        lighting = share * torch.log(lighting + 0.03) + code.light @ out[CODE:n]
         maps = lambda a: a.reshape(*a.shape[:-1], height, width)  # noqa: E731
         return Prediction(
             log_material=maps(log_material), trust=maps(trust), temperature_k=maps(temperature),
             log_lighting=maps(torch.log_softmax(lighting, 0)),
         )  # fmt: skip
 
-    def _look_around(self, x):
-        """(1, features, height, width) -> (1, heads, height, width)."""
-        stride, (height, width) = self.config["stride"], x.shape[2:]
-        own = functional.relu(self.inlet(x))
+    def _heads(self, own):
+        """(1, width, height, width) -> (1, heads, height, width)."""
+        stride, (height, width) = self.config["stride"], own.shape[2:]
         x = functional.avg_pool2d(own, stride, ceil_mode=True, count_include_pad=False)
         for layer in self.trunk:
             x = x + functional.relu(layer(x))

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from physics.estimate import estimate_environment
-from physics.evidence import Known
+from physics.evidence import Known, hypotheses
 from physics.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import SKY, MaterialLibrary
@@ -78,9 +78,8 @@ def draw(record, rng, side=None) -> Sample:
 
 @torch.no_grad()
 def features(known, radiance):
-    """The Stem of radiance (bands, height, width), less what only refinement needs."""
-    none = torch.zeros(0)
-    return stem(known, radiance)[0]._replace(x=none, z=none)
+    """The Stem of radiance (bands, height, width)."""
+    return stem(known, hypotheses(known), radiance.flatten(1))
 
 
 def _bands(fine_um, rng):
