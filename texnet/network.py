@@ -60,7 +60,7 @@ def stem(known: Known, h: Hypotheses, spectra):
     more = mixed - pure
     log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) is so much above the larger
     log_pure, log_mixed = -(more.relu() + log_sum), -((-more).relu() + log_sum)
-    t = x[:, -TERMS].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))
+    t = x[:, -TERMS].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))  # c's first is t itself
     best = per_row.argmax(dim=0)
     v = x.gather(0, best.expand(1, k, -1))[0]
     v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
