@@ -83,6 +83,7 @@ def export_onnx(network, history, path):
     """
     check_writable(path)
     with _quiet():
+        # weights that want a gradient would make Scan keep what is needed for one
         model = _trace(TeXModel(deepcopy(network).requires_grad_(False)).eval())
     _name_sizes(model)
     _forget_origin(model)

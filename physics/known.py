@@ -66,8 +66,8 @@ def known_arrays(cube, library, environment):
 
 
 def bytes_per_pixel(known):
-    """About what a pixel takes, at most, on its way to an answer, by known_arrays: its spectrum in
-    several layouts, maps of all materials, and the network's channels."""
+    """About what a pixel takes, at most, on its way to an answer, by known_arrays, beside the chunk
+    at work: its spectrum in several layouts, maps of all materials, the network's channels."""
     materials, bands, _ = known["emissivity"].shape
     return 16 * bands + 40 * materials + 700
 

@@ -36,7 +36,7 @@ TYPICAL_K = 10.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
 MAX_STEP = 1.5  # prior deviations
 TINY = 1e-12
-ZERO = 1e-6  # of V_j
+ZERO = 1e-6  # V_j above -ZERO, and as many sigmas, are not negative
 
 
 class Blocks(NamedTuple):
@@ -150,7 +150,7 @@ def deviations(h: Hypotheses, z, x, hot, t, lighting):
 def _bounded(b, row, step, v, lean, variance):
     """Condition the Gaussian of (step, V) on V >= 0 -> step, V on the simplex, sigma of step.
 
-    variance is that of the step (P,), lean (k, P) is dV / d step. Most pixels need it not at all,
+    variance is that of the step (P,), lean (k, P) is dV / d step. Many pixels need it not at all,
     few more than once: only those that still do are looked at.
     """
     out = _outside(v)
@@ -172,7 +172,7 @@ def _conditioned(u, covariance, times):
     doubt = torch.where(own > TINY, u[1:] * own.clamp(min=TINY).rsqrt(), 0.0)
     lowest, j = doubt.min(dim=0, keepdim=True)
     column = covariance.gather(1, 1 + j[None].expand(u.shape[0], -1, -1))[:, 0]
-    scale = torch.where(lowest < 0, 1 / own.gather(0, j).clamp(min=TINY), 0.0)
+    scale = torch.where(lowest < -ZERO, 1 / own.gather(0, j).clamp(min=TINY), 0.0)
     scaled = column * scale
     u = u - scaled * u.gather(0, 1 + j)
     if times == 1:
@@ -184,7 +184,7 @@ def _conditioned(u, covariance, times):
 
 
 def _outside(v):
-    """Indices of the pixels where some V_j < 0."""
+    """Indices of the pixels where some V_j is negative."""
     return (v.amin(0) < -ZERO).nonzero()[:, 0]
 
 

@@ -15,12 +15,13 @@ from conftest import small_library
 
 import texnet
 from export import Runtime
-from export.to_onnx import export_onnx
+from export.to_onnx import _graphs, export_onnx
 from physics import Environment, HeatCube, InputError
 from physics.eq1 import render
 from physics.evidence import Known
 from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, radiance
+from texnet.chunks import chunks_of
 from texnet.learned import shipped_network
 from texnet.model import TeXModel
 from texnet.network import TeXNet
@@ -105,8 +106,7 @@ EDGES = [
     dict(shape=(17, 1)),
     dict(shape=(1, 1)),
     dict(bands=1, k=2),
-    # pixels in more chunks than one; the last is not full
-    dict(bands=7, materials=4, shape=(131, 127)),
+    dict(bands=7, materials=20, shape=(131, 127)),  # more chunks than one, the last not full
 ]
 
 
@@ -117,6 +117,10 @@ def test_one_file_answers_as_torch_does(network, runtime, sizes):
     assert_close(answer, expected)
     for name, a in answer.items():
         assert a.shape == expected[name].shape, name
+
+
+def test_some_of_them_come_in_chunks():
+    assert chunks_of(131 * 127, 20) > 1 and chunks_of(100**2, 20) > 1
 
 
 def test_dtypes(runtime):
@@ -132,9 +136,12 @@ def test_the_network_part_matters(network, runtime):
     assert np.abs(plain["material_probability"] - answer["material_probability"]).max() > 0.05
 
 
-@pytest.mark.parametrize("pixels", [47**2, 70**2, 100**2])
-def test_tiles_do_not_show(runtime, monkeypatch, pixels):
-    image, known = scene(shape=(61, 75), bands=9)
+@pytest.mark.parametrize(
+    "pixels, materials, shape",
+    [(47**2, 8, (61, 75)), (70**2, 8, (61, 75)), (100**2, 8, (61, 75)), (120**2, 20, (131, 200))],
+)
+def test_tiles_do_not_show(runtime, monkeypatch, pixels, materials, shape):
+    image, known = scene(shape=shape, bands=9, materials=materials)
     whole = runtime.run(image, known)
     per_pixel = bytes_per_pixel(known)
     monkeypatch.setattr("export.runtime.TILE_BYTES", 2 * pixels * per_pixel)
@@ -203,7 +210,8 @@ def test_a_new_export_answers_as_its_network_and_says_what_it_is(tmp_path):
     assert "sky" in names and len(names) == 30
     file = onnx.load(path, load_external_data=False)
     assert os.listdir(tmp_path) == [path.name] and path.stat().st_size < 2e6
-    assert not any(i.data_location for i in file.graph.initializer)  # nothing lies elsewhere
+    tensors = [i for graph in _graphs(file.graph) for i in graph.initializer]
+    assert tensors and not any(i.data_location for i in tensors)  # nothing lies elsewhere
     assert b"/physics/" not in path.read_bytes()  # nor says whose machine wrote it
 
 

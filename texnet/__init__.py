@@ -5,6 +5,7 @@ glance      which materials the scene holds, from afar
 exact       methods local and sgd
 model       net+sgd as one module: evidence, network, refinement, texture
 network     TeXNet
+chunks      what pixels do by themselves, some thousand at a time
 budget      the most accurate method that fits a time budget
 doubt       when an answer should not be trusted
 learned     the model with the shipped weights

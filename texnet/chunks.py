@@ -4,24 +4,30 @@ import torch
 from torch._higher_order_ops.scan import scan
 from torch.nn import functional
 
-CHUNK = 8192  # pixels, at most: what they take on the way stays in the processor's cache
+CHUNK = 131_072  # pixels times materials: what they take on the way stays near the processor
 
 
-def by_chunks(work, arrays, most):
+def chunks_of(pixels, materials):
+    """How many chunks are made of so many pixels."""
+    return (pixels * materials + CHUNK - 1) // CHUNK
+
+
+def by_chunks(work, arrays, chunks):
     """work(*arrays), of arrays (..., P) whose pixels do not depend on each other: a tuple of such.
 
-    Chunk by chunk on a CPU and in an exported graph (ONNX's Scan), elsewhere all at once. P is at
-    most `most`.
+    In about so many chunks of equal size on a CPU and in an exported graph (ONNX's Scan), elsewhere
+    all at once.
     """
     if torch.compiler.is_exporting():
-        return _scan(work, arrays, most)
-    size = CHUNK if arrays[0].device.type == "cpu" else most
+        return _scan(work, arrays, chunks)
+    if arrays[0].device.type != "cpu":
+        return tuple(work(*arrays))
+    size = max(1, -(-arrays[0].shape[-1] // chunks))
     parts = [work(*part) for part in zip(*(a.split(size, -1) for a in arrays), strict=True)]
     return tuple(torch.cat(part, -1) for part in zip(*parts, strict=True))
 
 
-def _scan(work, arrays, most):
-    chunks = (most + CHUNK - 1) // CHUNK  # not of P, which torch may only know from numbers
+def _scan(work, arrays, chunks):
     pixels = arrays[0].shape[-1]
     size = (pixels + chunks - 1) // chunks
 
@@ -32,8 +38,9 @@ def _scan(work, arrays, most):
     def join(a):
         return a.movedim(0, -2).flatten(-2)[..., :pixels]
 
-    def step(nothing, parts):
-        return nothing.clone(), (*work(*parts),)
+    def step(carry, parts):
+        # scan wants something to carry on, and not the same tensor
+        return carry.clone(), (*work(*parts),)
 
     _, out = scan(step, torch.zeros(1), tuple(split(a) for a in arrays))
     return tuple(join(a) for a in out)

@@ -32,12 +32,12 @@ from physics.refinement import (
     refine,
 )  # fmt: skip
 
-from .chunks import by_chunks
+from .chunks import by_chunks, chunks_of
 from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, OTHER_K, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # of a pixel, the likeliest
-CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not
+CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
 
 
 class TeX(NamedTuple):
@@ -81,16 +81,20 @@ class TeXModel(nn.Module):
         def see(spectra):
             s = stem(known, h, spectra)
             air = s.brightness.amax(0)  # as warm as its opaque bands look
-            return self.network.own(known, code, s), s.t, s.lighting, air, *s[:3]
+            own = self.network.own(known, code, s)
+            return own, s.t, s.lighting, air, s.log_evidence, s.log_pure, s.log_mixed
 
-        own, t, lighting, air, *evidence = by_chunks(see, (spectra,), spectra.shape[1])
-        net = self.network.look_around(known, code, own, evidence[0], t, lighting, shape)
+        chunks = chunks_of(spectra.shape[1], known.is_sky.shape[0])
+        own, t, lighting, air, log_evidence, log_pure, log_mixed = by_chunks(
+            see, (spectra,), chunks
+        )
+        net = self.network.look_around(known, code, own, log_evidence, t, lighting, shape)
         net = tuple(a.flatten(-2) for a in net)
-        seen = (spectra, air, *evidence, *net)
+        seen = (spectra, air, log_evidence, log_pure, log_mixed, *net)
         if inner is not None:
             seen, shape = _cut(seen, shape, inner)
         answer = partial(_answer, known, h, b, self.steps)
-        tex = by_chunks(answer, seen, spectra.shape[1])
+        tex = by_chunks(answer, seen, chunks)  # of a part too: torch knows only the tile's size
         return TeX(*(a.unflatten(-1, shape) for a in tex))
 
 
@@ -114,8 +118,8 @@ def _answer(
     t, guess = (temperature_k - known.prior_k[0]) / known.prior_k[1], log_lighting.exp()
     width = TYPICAL_K / known.prior_k[1]
     if steps:
-        sky_first = known.is_sky[_material(row[0], materials)] > 0
-        r = _refined(b, x, row, score, trust, t, guess, width, steps, sky_first)
+        is_sky = known.is_sky[_material(row, materials)] > 0
+        r = _refined(b, x, row, score, trust, t, guess, width, steps, is_sky)
     else:
         r = _unrefined(b, row, t, guess, width)
     score = score - trust * r.energy
@@ -173,13 +177,17 @@ def _cut(arrays, shape, inner):
     return tuple(cut(a).flatten(-2) for a in arrays), (height, width)
 
 
-def _refined(b, x, row, score, trust, t, guess, width, steps, sky_first):
-    """Refined (..., C, P) of the C likeliest hypotheses; those too far behind the first to catch
-    up are answered as it is."""
+def _refined(b, x, row, score, trust, t, guess, width, steps, is_sky):
+    """Refined (..., C, P) of the C likeliest hypotheses, of which is_sky (C, P) says which are sky.
+
+    Those too far behind the first to catch up are not refined; they take its T, sigma, V and E.
+    """
     pixel = torch.arange(t.shape[0], device=t.device).repeat(row.shape[0] - 1)
     first = refine(b, x[0], row[0], t, guess, width, steps)
-    behind = score[0] - trust * first.energy - score[1:]
-    too_far = torch.where(sky_first, behind.amin(0) - RIM_NATS, behind - CLOSE_NATS)
+    behind = score[0] - trust * first.energy.clamp(min=0) - score[1:]
+    # where sky is first, T may be that of the best of those that are not: all are refined, or none
+    of_solid = (behind + 1e6 * is_sky[1:]).amin(0)
+    too_far = torch.where(is_sky[0], of_solid - RIM_NATS, behind - CLOSE_NATS)
     close = (too_far < 0).flatten().nonzero()[:, 0]
     at = pixel[close]
     x_close = x[1:].transpose(0, 1).flatten(1)[:, close]
