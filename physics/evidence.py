@@ -184,11 +184,11 @@ _NEVER = 1e15  # nats; misfits reach 1e12
 
 
 def evidence(h: Hypotheses, s):
-    """log p(z | h) (R, P), x^ (R, r, P) and z (d, P) of noise-scaled spectra s (bands, P)."""
+    """log p(z | h) (R, P) and x^ (R, r, P) of noise-scaled spectra s (bands, P)."""
     z = components(h, s)
     # by halves: w of all hypotheses would be the most that a pixel takes
     halves = [_squares(rows, z) for rows in h.to_w.unflatten(0, (2, -1))]
-    return h.offset[:, None] - 0.5 * torch.cat(halves), likeliest(h, z), z
+    return h.offset[:, None] - 0.5 * torch.cat(halves), likeliest(h, z)
 
 
 def components(h: Hypotheses, s):

@@ -138,8 +138,8 @@ def refine(
 def deviations(h: Hypotheses, z, x, hot, t, lighting):
     """(q - r, P) likeliest coefficients of the deviations, in the order of the rows of F.
 
-    z (d, P) and x (r, P) by `evidence` of the hypotheses that are hot (R, P), at t (P,) and
-    lighting (k, P).
+    z (d, P) by `components` and x (r, P) by `likeliest` of the hypotheses that are hot (R, P), at
+    t (P,) and lighting (k, P).
     """
     k = lighting.shape[0]
     at = torch.cat([(lighting - 1 / k) / lighting_scale(k), hermite(t)[0]])

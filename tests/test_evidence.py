@@ -25,6 +25,7 @@ from physics.evidence import (
     Known,
     _planck_series,
     cholesky,
+    components,
     evidence,
     hermite,
     hypotheses,
@@ -239,7 +240,7 @@ def test_evidence_is_a_dense_gaussian_log_density(sky, k, rich):
     # spectra of the model, and what no material explains
     wild = world.spectra * world.rng.uniform(0.7, 1.4, world.spectra.shape)
     spectra = np.concatenate([world.spectra[:20], wild[:20]])
-    ours, _, _ = evidence(hypotheses(known), world.pixels(known, spectra))
+    ours, _ = evidence(hypotheses(known), world.pixels(known, spectra))
     assert ours.dtype == torch.float32
     every = dense(known)
     possible = [r for r, one in enumerate(every) if np.isfinite(one.log_prior)]
@@ -258,7 +259,8 @@ def test_of_many_bands_it_is_the_density_of_the_components(bands):
     assert known.basis.shape == (MAX_COMPONENTS, bands)
     wild = world.spectra * world.rng.uniform(0.7, 1.4, world.spectra.shape)
     spectra = np.concatenate([world.spectra[:20], wild[:20]])
-    ours, x, z = evidence(hypotheses(known), world.pixels(known, spectra))
+    h, s = hypotheses(known), world.pixels(known, spectra)
+    (ours, x), z = evidence(h, s), components(h, s)
     assert ours.shape == (12, 40) and x.shape == (12, 5 + TERMS, 40) and z.shape == (24, 40)
     for r, one in enumerate(dense(known)):
         close(ours[r], one.seen_log_density(world.scaled(known, spectra).numpy()))
@@ -288,7 +290,7 @@ def test_components_have_about_unit_variance(bands):
     h = hypotheses(known)
     mean = np.mean([one.mu for one in dense(known)], axis=0)
     np.testing.assert_allclose(h.centre, mean, rtol=1e-5)
-    z = evidence(h, world.pixels(known))[2]
+    z = components(h, world.pixels(known))
     exact = h.look.double().numpy() @ (world.scaled(known).numpy() - mean).T
     # s and the mean are numbers of 1e3 in float32: 1e-4 each
     np.testing.assert_allclose(z, exact, atol=3e-4)
@@ -341,7 +343,8 @@ def test_what_other_unknowns_cost():
     world = World(k=4)
     known = world.known()
     h, s = hypotheses(known), world.scaled(known)[:10].numpy()
-    _, x_hat, z = evidence(h, world.pixels(known)[:, :10])
+    _, x_hat = evidence(h, world.pixels(known)[:, :10])
+    z = components(h, world.pixels(known)[:, :10])
     rng = np.random.default_rng(1)
     for r, one in enumerate(dense(known)):
         f_d, f_x = one.F[: one.d], one.F[one.d :]
@@ -389,7 +392,7 @@ def test_little_is_lost_to_rounding_where_noise_is_least(bands, rich, k):
     """At 10 mK and 100 bands C spans 1e9; its evidence in extended precision."""
     world = World(bands=bands, k=k, netd=0.01, materials=3, rich=rich)
     known = world.known()
-    ours, _, _ = evidence(hypotheses(known), world.pixels(known))
+    ours, _ = evidence(hypotheses(known), world.pixels(known))
     fitting = 0
     for r, one in enumerate(dense(known)):
         exact = one.seen_log_density(world.scaled(known).numpy())
@@ -479,7 +482,7 @@ def test_permutations():
     shuffled = known._replace(emissivity=known.emissivity[order], is_sky=known.is_sky[order])
     both = np.concatenate([order, 6 + order])
     of_both = h._replace(precision=h.precision[both])
-    same(evidence(hypotheses(shuffled), s), [a[both] for a in ours[:2]], of_both)
+    same(evidence(hypotheses(shuffled), s), [a[both] for a in ours], of_both)
     turned = known._replace(environment=known.environment[[2, 0, 3, 1]])
     theirs = evidence(hypotheses(turned), s)
     back = [1, 3, 0, 2, *range(4, 4 + TERMS)]
@@ -499,7 +502,7 @@ def test_permuting_the_library_permutes_the_evidence_whatever_the_basis(bands):
         [library.names[i] for i in order], library.wavelength_um, library.emissivity[order]
     ))  # fmt: skip
     of_both = h._replace(precision=h.precision[both])
-    same(evidence(hypotheses(shuffled), s), [a[both] for a in ours[:2]], of_both)
+    same(evidence(hypotheses(shuffled), s), [a[both] for a in ours], of_both)
     rng = np.random.default_rng(4)
     sign = torch.from_numpy(rng.choice([-1.0, 1.0], (MAX_COMPONENTS, 1))).float()
     longer = torch.from_numpy(rng.uniform(0.5, 2, (MAX_COMPONENTS, 1))).float()
@@ -510,7 +513,7 @@ def test_permuting_the_library_permutes_the_evidence_whatever_the_basis(bands):
 def test_ranks_the_true_material_first_where_materials_are_well_apart():
     world = World(shape=(20, 20), bands=50, depth=(0.3, 0.6), seed=3)
     known = world.known()
-    log_p, _, _ = evidence(hypotheses(known), world.pixels(known))
+    log_p, _ = evidence(hypotheses(known), world.pixels(known))
     assert (log_p.argmax(dim=0).numpy() == world.material).mean() > 0.99
     assert len(set(world.material)) == 5
 
@@ -522,7 +525,7 @@ def test_components_rank_materials_as_well_as_all_bands(bands, rich):
     world = World(bands, rich=rich, shape=(40, 50), depth=(0.01, 0.04), netd=0.15, k=4,
                   materials=8, seed=bands)  # fmt: skip
     known = world.known()
-    ours, _, _ = evidence(hypotheses(known), world.pixels(known))
+    ours, _ = evidence(hypotheses(known), world.pixels(known))
     theirs = np.stack([one.log_density(world.scaled(known).numpy()) for one in dense(known)])
     by_material = lambda a: np.logaddexp(a[:8], a[8:])  # noqa: E731
     ours, theirs = by_material(ours.double().numpy()), by_material(theirs)
@@ -570,12 +573,12 @@ def test_a_sky_pixel_is_sky_and_a_rim_is_partly_sky():
     world, rng = World(bands=50), np.random.default_rng(4)
     known, sky = world.known(), world.library.sky_index
     h = hypotheses(known)
-    log_p, _, _ = evidence(h, world.pixels(known, sky_pixels(world, 100, rng)))
+    log_p, _ = evidence(h, world.pixels(known, sky_pixels(world, 100, rng)))
     assert (log_p.argmax(dim=0) == sky).float().mean() > 0.95  # else a little before it
     assert (log_p.argmax(dim=0) % 6 == sky).float().mean() > 0.95
     share = rng.normal(0.25, 0.1, (48, 1)).clip(0.1, 0.4)
     rim = (1 - share) * world.spectra + share * sky_pixels(world, 48, rng)
-    log_p, _, _ = evidence(h, world.pixels(known, rim))
+    log_p, _ = evidence(h, world.pixels(known, rim))
     best = log_p.argmax(dim=0).numpy()
     assert (best >= 6).all()
     assert (best % 6 == world.material).mean() > 0.9
@@ -592,7 +595,7 @@ def test_nothing_is_sky_where_no_sky_is_in_view():
     grey = 0.7 * world.spectra + 0.3 * world.spectra.mean(axis=1, keepdims=True)
     cold = sky_pixels(world, 20, np.random.default_rng(0))
     s = world.pixels(known, np.concatenate([world.spectra, grey, cold]))
-    log_p, _, _ = evidence(hypotheses(known), s)
+    log_p, _ = evidence(hypotheses(known), s)
     best = log_p.argmax(dim=0)
     assert (best < 6).all() and (best != world.library.sky_index).all()
 
@@ -603,7 +606,7 @@ def test_a_mirror_pays_for_what_it_can_imitate():
         ["mirror", "black"], np.array([7.0, 15.0]), np.array([[0.02] * 2, [0.999] * 2])
     ), material=np.ones(48, int))  # fmt: skip
     known = world.known()
-    log_p, _, _ = evidence(hypotheses(known), world.pixels(known))
+    log_p, _ = evidence(hypotheses(known), world.pixels(known))
     assert (log_p[1] > log_p[0]).all()
 
 
@@ -621,7 +624,7 @@ def test_no_noise_and_one_fire_leave_numbers(netd, hot):
     world = World(bands=100, netd=netd, temperature=temperature)
     known = world.known()
     h = hypotheses(known)
-    log_p, x, _ = evidence(h, world.pixels(known))
+    log_p, x = evidence(h, world.pixels(known))
     assert all(torch.isfinite(a).all() for a in (*h, log_p, x))
     usual = np.arange(48) != 20
     right = (torch.logsumexp(log_p.reshape(2, 6, -1), 0).argmax(0).numpy() == world.material)[usual]

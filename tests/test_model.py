@@ -308,7 +308,7 @@ def test_hypotheses_that_are_not_refined_could_not_have_caught_up(monkeypatch):
 
 @pytest.mark.parametrize("steps", [0, STEPS])
 def test_it_is_computed_where_its_inputs_are(steps):
-    """On torch's device without numbers, which refuses to mix with the CPU as a GPU does."""
+    """On torch's device without numbers, which but for indices refuses to mix with the CPU."""
     world = world_of()
     known = Known(**{n: a.to("meta") for n, a in world.known()._asdict().items()})
     radiance_there = torch.from_numpy(world.cube.radiance.copy()).to("meta")

@@ -14,7 +14,7 @@ from traced import one_thread  # noqa: F401
 
 import physics.reduced as reduced
 from physics import MaterialLibrary
-from physics.evidence import evidence, hermite, hypotheses
+from physics.evidence import components, evidence, hermite, hypotheses
 from physics.known import TERMS
 from physics.local import solve_given, solve_local
 from physics.planck import radiance, radiance_derivative
@@ -41,7 +41,8 @@ class Start:
 
     def set(self, known):
         self.h, k = hypotheses(known), self.world.k
-        self.log_evidence, self.x, self.z = evidence(self.h, self.s.T.float())
+        s = self.s.T.float()
+        (self.log_evidence, self.x), self.z = evidence(self.h, s), components(self.h, s)
         self.blocks = blocks(self.h, k, self.precision)
         at = self.row[:, None].expand(-1, k + TERMS, -1)
         self.x_row = self.x.gather(0, at).transpose(0, 1)

@@ -117,9 +117,9 @@ def _answer(
     # refined
     t, guess = (temperature_k - known.prior_k[0]) / known.prior_k[1], log_lighting.exp()
     width = TYPICAL_K / known.prior_k[1]
+    of_sky = known.is_sky[_material(row, materials)]
     if steps:
-        is_sky = known.is_sky[_material(row, materials)] > 0
-        r = _refined(b, x, row, score, trust, t, guess, width, steps, is_sky)
+        r = _refined(b, x, row, score, trust, t, guess, width, steps, of_sky > 0)
     else:
         r = _unrefined(b, row, t, guess, width)
     score = score - trust * r.energy
@@ -132,7 +132,7 @@ def _answer(
     material = _material(row.gather(0, best)[0], materials)
     is_sky = known.is_sky[material] > 0
     # what stands before the sky, where that may be anything
-    solid = score - 1e6 * known.is_sky[_material(row, materials)]
+    solid = score - 1e6 * of_sky
     of_solid, at = solid.max(0, keepdim=True)
     empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
     before = torch.where(is_sky, at, best)

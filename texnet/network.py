@@ -55,7 +55,7 @@ class Stem(NamedTuple):
 def stem(known: Known, h: Hypotheses, spectra):
     """Stem of spectra (bands, P) W m-2 sr-1 um-1; h = hypotheses(known)."""
     k = known.environment.shape[0]
-    per_row, x, _ = evidence(h, spectra / known.sigma[:, None])
+    per_row, x = evidence(h, spectra / known.sigma[:, None])
     pure, mixed = per_row[: known.is_sky.shape[0]], per_row[known.is_sky.shape[0] :]
     more = mixed - pure
     log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) is so much above the larger
@@ -188,7 +188,7 @@ class TeXNet(nn.Module):
             (mean - prior) / 10,
             t * deviation / 10,
             (prior + t * deviation - mean) / 5,
-            torch.asinh(best / known.basis.shape[0]),
+            torch.asinh(best / known.basis.shape[0]),  # far below what _asinh can
             1 - belief.amax(0),
             -(belief * log_evidence).sum(0),
             (belief * s.log_mixed.exp()).sum(0),
