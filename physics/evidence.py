@@ -103,6 +103,7 @@ class Hypotheses(NamedTuple):
 
 def hypotheses(known: Known) -> Hypotheses:
     """Set up all hypotheses of a scene."""
+    # the basis as it came: ONNX Runtime loses a cast and its reverse that only a Scan's body uses
     look, known = known.basis, Known(*(x.double() for x in known))
     sky, sigma, k = known.is_sky, known.sigma, known.environment.shape[0]
     in_view = (known.sky_mean.max() > 0).double()
