@@ -19,7 +19,8 @@ support      how many of them a scene supports
 bands        bands of finite width
 prior        what is known of temperatures before any pixel is solved
 reduced      the forward model in r dimensions, and the evidence
-unbounded    Eq. 6 without V's bounds: fast, and nearly a lower bound
+faces        Eq. 6 where it is known which V are zero, for many pixels at once
+simplex      Eq. 6 for one pixel and hypothesis
 local        Eq. 6 exactly, pixel by pixel
 blind        a library from the cube alone
 semiglobal   Eq. 6 with smoothness of T and m
@@ -28,6 +29,7 @@ filters      which bands tell materials and temperatures best
 known        what the network is told of a scene
 evidence     every material's evidence at once, by Gaussian priors
 refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses
+threads      many items, some at a time
 tiles        pictures of any size in tiles
 distill      the texture that the sky alone lights
 truth        Truth: what is so in every pixel of a simulated cube

@@ -17,19 +17,17 @@ rest of the residual is the light of other objects. Without sky among the object
 daylight, and the residual alone (its root mean square in noise units) shows the texture.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from .reduced import groups
+from .threads import in_threads
 
 
-def distill(model, spectra, row, temperature_k, thermal_lighting):
+def distill(model, spectra, row, temperature_k, thermal_lighting, threads):
     """Forward Eq. 1 at an answer, and distil it. For P pixels:
 
     spectra (P, bands) W m-2 sr-1 um-1; row (P,) hypotheses of the reduced model;
-    temperature_k (P,) K; thermal_lighting (P, k).
+    temperature_k (P,) K; thermal_lighting (P, k); threads to work in.
 
     Returns texture X (P, bands) W m-2 sr-1 um-1, sky-lit texture (P,) W m-2 sr-1 um-1 as a
     band mean (both are zero for sky), and the residual (P,) as a root mean square in noise
@@ -56,6 +54,6 @@ def distill(model, spectra, row, temperature_k, thermal_lighting):
         v = v[:, objects]
         lit[index] = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # most of it is one thread of numpy
-        list(pool.map(of_group, groups(row)))
+    for _ in in_threads(of_group, groups(row), threads):
+        pass
     return texture, lit if objects else residual, residual

@@ -4,18 +4,17 @@ For one pixel and one material, minimise over T and over V on the simplex
 
     J = chi^2 / 2 + (T - T_prior)^2 / (2 sigma_T^2) + |V - 1/k|^2 / (2 sigma_V^2)
 
-in the r dimensions of `reduced` (variable projection, Golub & Pereyra 1973): V for
-given T is a k x k quadratic programme on the simplex, solved exactly by active set;
-T is Newton's method on what is left, a function of one scalar. The priors are as wide
-as the scene and matter only where the data say nothing: there the answer's sigma is
-the prior's, which is how the solver says that it cannot know.
+in the r dimensions of `reduced`. The priors are as wide as the scene and matter only where the data
+say nothing: there the answer's sigma is the prior's, which is how the solver says that it cannot
+know.
 
     energy_m = J + occam_m = -log evidence of material m
 
-The answer is the material of least energy, with its T and V. `unbounded` solves every
-hypothesis first as if V might be negative. Where none is, that is the answer; elsewhere it gives
-about a lower bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at
-it.
+The answer is the material of least energy, with its T and V. `faces` solves every hypothesis first
+as if V might be negative. Where none is, that is the answer; elsewhere it gives about a lower
+bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it. The others
+are put on the face of the simplex where their V is not negative; the few that do not get there are
+left to `simplex`.
 """
 
 from dataclasses import dataclass
@@ -24,16 +23,20 @@ import numba
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from . import unbounded
+from . import faces, simplex
+from .faces import LANES
 from .planck import brightness_temperature
 from .reduced import ReducedModel, groups
+from .threads import in_threads
 
-PIXELS_PER_BLOCK = 4096
 # More than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
 # 40,000 pixels times the materials, 18 for 1500) can make up for in `semiglobal`
 HOPELESS = 30.0  # nats
-_NEWTON_STEPS = 40
-_NATS = 1e-7  # Newton's method ends where the next step would lower J by less
+BLOCK = 1024  # pixels that are solved together: of fewer, too few are on one face
+PANEL = 4  # times LANES, pixels whose spectra stay in the cache through all hypotheses
+ROUNDS = 6  # of faces, for one hypothesis
+PULL = 1e-6  # nats per unit of V, which is nothing
+_DONE, _NONE = -2, -1  # in place of a face's number
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +62,13 @@ class LocalSolution:
 
 
 def solve_local(
-    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS
+    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS, threads=None
 ) -> LocalSolution:
     """Solve Eq. 6 for every pixel and material of spectra (P, bands), W m-2 sr-1 um-1.
 
     progress, if given, is called as progress(pixels done, pixels); hopeless is in nats, see
-    LocalSolution: less is faster, and enough where nothing but the evidence decides.
+    LocalSolution: less is faster, and enough where nothing but the evidence decides; threads are
+    as many as numba's if None.
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
@@ -75,19 +79,27 @@ def solve_local(
     prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
     of_t = model.terms, model.k, model.half_k, *prior
     linear, square = model.of_all()
-    tables = tuple(unbounded.tables(model.gram, model.terms))
+    tables = tuple(faces.tables(model.gram, model.terms, model.half_k, *prior))
+    is_sky = model.material == model.library.sky_index
     middle = len(model.sigma) // 2
-    seen = np.maximum(spectra[:, middle].astype(np.float64), 1e-9)
-    start_k = brightness_temperature(model.wavelength_um[middle], seen)
-    for start in range(0, pixels, PIXELS_PER_BLOCK):
-        block = slice(start, min(start + PIXELS_PER_BLOCK, pixels))
-        _solve_all(
-            spectra[block], start_k[block], model.sigma, linear, square, model.gram, tables, *of_t,
-            model.material, model.material == model.library.sky_index, model.mid_k, hopeless,
-            energy[block], temperature[block], sigma[block], row[block], lighting[block],
+
+    def solve_block(first):
+        part = slice(first, first + BLOCK)
+        radiance = np.array(spectra[part].T, np.float64, order="C")  # (bands, <= BLOCK)
+        start_k = brightness_temperature(
+            model.wavelength_um[middle], np.maximum(radiance[middle], 1e-9)
+        )
+        _solve_block(
+            radiance / model.sigma[:, None], (start_k - model.mid_k) / model.half_k, linear, square,
+            model.gram, tables, *of_t, model.material, is_sky, model.mid_k, hopeless, energy[part],
+            temperature[part], sigma[part], row[part], lighting[part],
         )  # fmt: skip
+
+    blocks = range(0, pixels, BLOCK)
+    threads = threads or numba.get_num_threads()
+    for done, _ in enumerate(in_threads(solve_block, blocks, threads), 1):
         if progress:
-            progress(block.stop, pixels)
+            progress(min(done * BLOCK, pixels), pixels)
     return LocalSolution(energy, temperature, sigma, row, lighting)
 
 
@@ -137,258 +149,229 @@ def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
     return energy
 
 
-@numba.njit(cache=True, fastmath=False)
-def _lighting(gram, n, k, g, v, free, chol, x, y):
-    """Minimise v'Gv/2 - g'v on the simplex, G = gram[n:, n:], from a feasible v (in place).
-
-    Primal active set (Nocedal & Wright, alg. 16.3) with G v = g + lambda on the free set.
-    """
-    for _ in range(4 * k + 8):
-        count = 0
-        for i in range(k):
-            if free[i]:
-                # Cholesky row of the free block, with forward substitution alongside
-                col = 0
-                for j in range(i + 1):
-                    if free[j]:
-                        acc = gram[n + i, n + j]
-                        for c in range(col):
-                            acc -= chol[count, c] * chol[col, c]
-                        if j == i:
-                            chol[count, count] = np.sqrt(max(acc, 1e-300))
-                        else:
-                            chol[count, col] = acc / chol[col, col]
-                        col += 1
-                ax, ay = g[i], 1.0
-                for c in range(count):
-                    ax -= chol[count, c] * x[c]
-                    ay -= chol[count, c] * y[c]
-                x[count] = ax / chol[count, count]
-                y[count] = ay / chol[count, count]
-                count += 1
-        sx, sy = 0.0, 0.0
-        for i in range(count - 1, -1, -1):
-            for c in range(i + 1, count):
-                x[i] -= chol[c, i] * x[c]
-                y[i] -= chol[c, i] * y[c]
-            x[i] /= chol[i, i]
-            y[i] /= chol[i, i]
-            sx += x[i]
-            sy += y[i]
-        multiplier = (1.0 - sx) / sy
-        step, blocking, c = 1.0, -1, 0
-        for i in range(k):
-            if free[i]:
-                target = x[c] + multiplier * y[c]
-                if target < 0.0:
-                    ratio = v[i] / max(v[i] - target, 1e-300)
-                    if ratio < step:
-                        step, blocking = ratio, i
-                c += 1
-        c = 0
-        for i in range(k):
-            if free[i]:
-                v[i] += step * (x[c] + multiplier * y[c] - v[i])
-                c += 1
-        if blocking >= 0:
-            v[blocking] = 0.0
-            free[blocking] = False
-            continue
-        worst, enter = -1e-9 * (1.0 + abs(multiplier)), -1
-        for i in range(k):
-            if not free[i]:
-                slack = -g[i] - multiplier
-                for j in range(k):
-                    slack += gram[n + i, n + j] * v[j]
-                if slack < worst:
-                    worst, enter = slack, i
-        if enter < 0:
-            return count
-        free[enter] = True
-    return count
-
-
-@numba.njit(cache=True, fastmath=False)
-def _solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
-    """T (as tau) and V of one pixel and one material; returns J less its constant, tau, J''.
-
-    weight, mean   quadratic on T: weight (T - mean)^2 / 2, with mean measured from mid_k
-    v, free        V to start from, on the simplex, and which V_j are not held at zero
-    J''            curvature in T with V eliminated, 1/K^2: 1 / sigma_T^2
-    """
-    p, dp, ddp, a = work[0], work[1], work[2], work[3]
-    g, z, x, y = work[4], work[5], work[6], work[7]
-    chol = work[8:]
-    best = np.inf
-    curvature = 0.0
-    step = 0.0
-    for _ in range(_NEWTON_STEPS):
-        p[0], dp[0], ddp[0] = 1.0, 0.0, 0.0
-        if n > 1:
-            p[1], dp[1], ddp[1] = tau, 1.0, 0.0
-        for i in range(2, n):
-            p[i] = 2 * tau * p[i - 1] - p[i - 2]
-            dp[i] = 2 * p[i - 1] + 2 * tau * dp[i - 1] - dp[i - 2]
-            ddp[i] = 4 * dp[i - 1] + 2 * tau * ddp[i - 1] - ddp[i - 2]
-        for i in range(k):
-            acc, accz = h[n + i], 0.0
-            for j in range(n):
-                acc -= gram[n + i, j] * p[j]
-                accz += gram[n + i, j] * dp[j]
-            g[i], z[i] = acc, accz
-        count = _lighting(gram, n, k, g, v, free, chol, x, y)
-        deviation = half * tau - mean
-        value = 0.5 * weight * deviation * deviation
-        gradient = weight * half * deviation
-        gauss = weight * half * half
-        second = gauss
-        for i in range(n):
-            acc, accd = 0.0, 0.0
-            for j in range(n):
-                acc += gram[i, j] * p[j]
-                accd += gram[i, j] * dp[j]
-            value += p[i] * (0.5 * acc - h[i])
-            gauss += dp[i] * accd
-            a[i] = acc - h[i]
-            for j in range(k):
-                a[i] += gram[i, n + j] * v[j]
-            gradient += dp[i] * a[i]
-            second += ddp[i] * a[i]
-        for i in range(k):
-            acc = 0.0
-            for j in range(k):
-                acc += gram[n + i, n + j] * v[j]
-            value += v[i] * (0.5 * acc - g[i])
-        # curvature that V gives back: z' (projected inverse of the free block) z
-        c = 0
-        for i in range(k):
-            if free[i]:
-                acc, ones = z[i], 1.0
-                for j in range(c):
-                    acc -= chol[c, j] * x[j]
-                    ones -= chol[c, j] * y[j]
-                x[c] = acc / chol[c, c]
-                y[c] = ones / chol[c, c]
-                c += 1
-        zz, zo, oo = 0.0, 0.0, 0.0
-        for i in range(count):
-            zz += x[i] * x[i]
-            zo += x[i] * y[i]
-            oo += y[i] * y[i]
-        gauss -= zz - zo * zo / oo
-        second += gauss - weight * half * half
-        if value > best + 1e-12 * abs(best):
-            step *= 0.5  # Newton overshot: halve the step from the last good point
-            tau -= step
-            continue
-        best = value
-        curvature = gauss
-        bend = second if second > 0.5 * gauss else gauss
-        step = min(max(-gradient / bend, -1.0 - tau), 1.0 - tau)
-        if -step * (gradient + 0.5 * bend * step) < _NATS:
-            break
-        tau += step
-    else:
-        tau -= step  # the last good point
-    return best, tau, curvature / (half * half)
-
-
-@numba.njit(cache=True, parallel=True, fastmath=False)
-def _solve_all(
-    spectra, start_k, noise, linear, square, gram, tables, n, k, half, weight, mean, material,
-    is_sky, mid, hopeless, energy, temperature, sigma, row, lighting,
+@numba.njit(cache=True, nogil=True)
+def _solve_block(
+    s, start, linear, square, gram, tables, n, k, half, weight, mean, material, is_sky, mid,
+    hopeless, energy, temperature, sigma, row, lighting,
 ):  # fmt: skip
-    """All hypotheses of P pixels, LANES at a time: `solve_local` from plain arrays."""
-    pixels, bands, rows, lanes = len(spectra), len(noise), len(gram), unbounded.LANES
-    for chunk in numba.prange((pixels + lanes - 1) // lanes):
-        s, squared = np.ones((bands + 1, lanes)), np.ones((bands + 1, lanes))
-        count = min(lanes, pixels - chunk * lanes)
-        for j in range(bands):
-            for p in range(count):
-                s[j, p] = spectra[chunk * lanes + p, j] / noise[j]
-                squared[j, p] = s[j, p] ** 2
-        deflated = np.empty((linear.shape[1], lanes))
-        scratch, start, x = np.empty((2 * n + k + 10, lanes)), np.zeros(lanes), np.empty(lanes)
-        for p in range(count):
-            start[p] = (start_k[chunk * lanes + p] - mid) / half
-        h, v = np.empty((rows, n + k, lanes)), np.empty((rows, k, lanes))
-        constant, value, bound, tau, curvature = np.empty((5, rows, lanes))
+    """All hypotheses of P pixels, for `solve_local`: s (bands, P) in noise units, start (P,) tau.
+
+    Here pixel p is lane p % LANES of group p // LANES."""
+    pixels, rows = s.shape[1], len(linear)
+    groups = (pixels + LANES - 1) // LANES
+    h, v = np.empty((rows, groups, n + k, LANES)), np.empty((rows, groups, k, LANES))
+    every = (rows, groups, LANES)
+    constant, value, bound = np.empty(every), np.empty(every), np.empty(every)
+    tau, curvature = np.empty(every), np.empty(every)
+    _without_bounds(
+        s, start, linear, square, tables, n, k, half, weight, mean, h, constant, value, bound, tau,
+        curvature, v,
+    )  # fmt: skip
+
+    best, ground = np.full(pixels, np.inf), np.full(pixels, np.inf)  # of all; of what is not sky
+    lead, least = np.zeros(pixels, np.int64), np.full(pixels, np.inf)  # the most promising row
+    for r in range(rows):
+        for p in range(pixels):
+            g, i = p // LANES, p % LANES
+            b = bound[r, g, i]
+            if b == np.inf:
+                best[p] = min(best[p], value[r, g, i])
+                if not is_sky[r]:
+                    ground[p] = min(ground[p], value[r, g, i])
+            elif -np.inf < b < least[p] and not is_sky[r]:
+                lead[p], least[p] = r, b
+
+    todo = np.empty(pixels, np.int64)
+    for leading in (True, False):
+        # what comes later in the round does not count, lest the order of materials matter
+        enough, ground_enough = best + hopeless, ground.copy()
         for r in range(rows):
-            unbounded.times(linear[r], s, deflated)
-            unbounded.times(square[r : r + 1], squared, constant[r : r + 1])
-            for i in range(n + k, len(deflated)):
-                for p in range(lanes):
-                    constant[r, p] -= 0.5 * deflated[i, p] * deflated[i, p]
-            h[r] = deflated[: n + k]
-            value[r], x[:] = constant[r], start
-            unbounded.solve_unbounded(
-                h[r], gram[r], tables, r, n, k, half, weight, mean, x, scratch, value[r],
-                bound[r], curvature[r], v[r],
+            count = 0
+            for p in range(pixels):
+                b = bound[r, p // LANES, p % LANES]
+                if (not leading or lead[p] == r) and (
+                    b < enough[p] or (b < ground_enough[p] and not is_sky[r])
+                ):
+                    todo[count] = p
+                    count += 1
+            if not count:
+                continue
+            _put_bounds(
+                todo[:count], r, h[r], constant[r], gram[r], tables, n, k, half, weight, mean,
+                value[r], tau[r], curvature[r], v[r],
             )  # fmt: skip
-            tau[r] = x
-        work, own = np.empty((8 + k, max(n, k) + 1)), np.empty(n + k)
-        at, free = np.empty(k), np.empty(k, np.bool_)
-        for p in range(count):
-            _bounded(
-                p, h, gram, n, k, half, weight, mean, is_sky, hopeless, constant, value, bound,
-                tau, curvature, v, at, free, own, work,
-            )  # fmt: skip
-            pixel = chunk * lanes + p
-            for r in range(rows):
-                m = material[r]
-                if value[r, p] < energy[pixel, m]:
-                    energy[pixel, m] = value[r, p]
-                    temperature[pixel, m] = mid + half * tau[r, p]
-                    sigma[pixel, m] = curvature[r, p] ** -0.5
-                    row[pixel, m] = r
-            lighting[pixel] = v[row[pixel, energy[pixel].argmin()], :, p]
+            for p in todo[:count]:
+                g, i = p // LANES, p % LANES
+                best[p] = min(best[p], value[r, g, i])
+                if not is_sky[r]:
+                    ground[p] = min(ground[p], value[r, g, i])
+                bound[r, g, i] = np.inf
+
+    for r in range(rows):
+        m = material[r]
+        for p in range(pixels):
+            g, i = p // LANES, p % LANES
+            e = value[r, g, i] if bound[r, g, i] == np.inf else bound[r, g, i]
+            if e < energy[p, m]:
+                energy[p, m] = e
+                temperature[p, m] = mid + half * tau[r, g, i]
+                sigma[p, m] = 1.0 / np.sqrt(curvature[r, g, i])
+                row[p, m] = r
+    for p in range(pixels):
+        m = 0
+        for other in range(1, energy.shape[1]):
+            m = other if energy[p, other] < energy[p, m] else m
+        for j in range(k):
+            lighting[p, j] = v[row[p, m], p // LANES, j, p % LANES]
 
 
-@numba.njit(cache=True, fastmath=False)
-def _bounded(
-    p, h, gram, n, k, half, weight, mean, is_sky, hopeless, constant, value, bound, tau,
-    curvature, v, at, free, own, work,
+@numba.njit(cache=True)
+def _without_bounds(
+    spectra, start, linear, square, tables, n, k, half, weight, mean, h, constant, value, bound,
+    tau, curvature, v,
 ):  # fmt: skip
-    """Put V's bounds on what `solve_unbounded` found for pixel p, the most promising row first."""
-    best, ground = np.inf, np.inf  # of all, and of those that are not sky
-    lead, least = 0, np.inf
-    for r in range(len(value)):
-        inside = value[r, p] > -np.inf
+    """All hypotheses on the face of all V; h to v are (R, groups, .., LANES), out. In bound is inf
+    where that is the answer."""
+    (bands, pixels), rows, groups = spectra.shape, len(linear), h.shape[1]
+    s, squared = np.ones((PANEL, bands + 1, LANES)), np.ones((bands + 1, LANES))
+    constants = np.empty((PANEL, rows, LANES))
+    deflated = np.empty((linear.shape[1] - n - k, LANES))
+    work, pull = np.empty((4 * n + 2 * k + 6, LANES)), np.empty((k, LANES))
+    for first in range(0, groups, PANEL):
+        panel = min(PANEL, groups - first)
+        for q in range(panel):
+            at = (first + q) * LANES
+            for j in range(bands):
+                for p in range(LANES):
+                    s[q, j, p] = spectra[j, min(at + p, pixels - 1)]
+                    squared[j, p] = s[q, j, p] ** 2
+            faces.times(square, squared, constants[q], LANES)
+        for r in range(rows):
+            for q in range(panel):
+                g = first + q
+                faces.times(linear[r, : n + k], s[q], h[r, g], LANES)
+                faces.times(linear[r, n + k :], s[q], deflated, LANES)
+                faces.less_half_squares(deflated, constants[q, r])
+                for p in range(LANES):
+                    constant[r, g, p] = constants[q, r, p]
+                    tau[r, g, p] = start[min(g * LANES + p, pixels - 1)]
+                faces.solve_on_face(
+                    h[r, g], constant[r, g], LANES, tables, r, 0, half, weight, mean, tau[r, g],
+                    work, value[r, g], curvature[r, g], v[r, g], pull,
+                )  # fmt: skip
+                faces.lower_bound(
+                    tables, r, half, tau[r, g], work, value[r, g], curvature[r, g], v[r, g],
+                    bound[r, g],
+                )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _put_bounds(
+    todo, r, h, constant, gram, tables, n, k, half, weight, mean, value, tau, curvature, v
+):
+    """Put V's bounds on pixels todo (count,) of hypothesis r; h to v as there, of this r.
+
+    What is negative leaves the free V_j and what would lower J joins them, until all is well."""
+    free, number, count = tables[0], tables[1], len(todo)
+    face, x = np.empty(count, np.int64), np.empty(count)
+    own, own_v, pull = np.empty((n + k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
+    own_constant, own_x, own_value = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    own_curvature, work = np.empty(LANES), np.empty((4 * n + 2 * k + 6, LANES))
+    for q in range(count):
+        g, i = todo[q] // LANES, todo[q] % LANES
+        x[q] = tau[g, i]
+        held = 0
         for j in range(k):
-            inside &= v[r, j, p] >= 0.0
-        if inside:
-            best = min(best, value[r, p])
-            if not is_sky[r]:
-                ground = min(ground, value[r, p])
-            bound[r, p] = np.inf  # done
-        if value[r, p] > -np.inf and not is_sky[r] and bound[r, p] < least:
-            lead, least = r, bound[r, p]
-    for i in range(-1, len(value)):
-        r = lead if i == -1 else i
-        if i < 1:  # later ones do not count, lest the order of materials matter
-            enough, ground_enough = best + hopeless, ground
-        if not (bound[r, p] < enough or (not is_sky[r] and bound[r, p] < ground_enough)):
-            continue
-        total = 0.0
-        for j in range(k):
-            at[j] = max(v[r, j, p], 0.0)
-            free[j] = at[j] > 0.0
-            total += at[j]
-        for j in range(k):
-            at[j] /= total
-        own[:] = h[r, :, p]
-        value[r, p], tau[r, p], curvature[r, p] = _solve(
-            own, gram[r], n, k, half, weight, mean, tau[r, p], at, free, work
-        )
-        value[r, p] += constant[r, p]
-        v[r, :, p] = at
-        best = min(best, value[r, p])
-        if not is_sky[r]:
-            ground = min(ground, value[r, p])
-        bound[r, p] = np.inf
-    for r in range(len(value)):
-        if bound[r, p] < np.inf:
-            value[r, p] = bound[r, p]
+            held += (v[g, j, i] >= 0.0) << j
+        face[q] = number[held] if value[g, i] > -np.inf else _NONE
+    for _ in range(ROUNDS):
+        order = _by_face(face, len(free))
+        done, at = True, 0
+        while at < count:
+            f, c = face[order[at]], 1
+            while c < LANES and at + c < count and face[order[at + c]] == f:
+                c += 1
+            those = order[at : at + c]
+            at += c
+            if f < 0:
+                continue
+            done = False
+            whole = (c + 7) // 8 * 8  # whole registers
+            for p in range(whole):
+                q = those[min(p, c - 1)]
+                g, i = todo[q] // LANES, todo[q] % LANES
+                for a in range(n + k):
+                    own[a, p] = h[g, a, i]
+                own_constant[p], own_x[p] = constant[g, i], x[q]
+            faces.solve_on_face(
+                own, own_constant, whole, tables, r, f, half, weight, mean, own_x, work, own_value,
+                own_curvature, own_v, pull,
+            )  # fmt: skip
+            for p in range(c):
+                q = those[p]
+                x[q] = own_x[p]
+                held, joins, strongest = 0, 0, -PULL
+                for j in range(k):
+                    held += (free[f, j] and own_v[j, p] >= 0.0) << j
+                    if not free[f, j] and pull[j, p] < strongest:
+                        joins, strongest = 1 << j, pull[j, p]
+                inside = number[held] == f
+                if own_value[p] == -np.inf:
+                    face[q] = _NONE
+                elif inside and not joins:
+                    face[q] = _DONE
+                    g, i = todo[q] // LANES, todo[q] % LANES
+                    value[g, i], tau[g, i] = own_value[p], own_x[p]
+                    curvature[g, i] = own_curvature[p]
+                    for j in range(k):
+                        v[g, j, i] = own_v[j, p]
+                else:
+                    face[q] = number[held + joins] if inside else number[held]
+        if done:
+            break
+    for q in range(count):
+        if face[q] != _DONE:
+            _one_by_one(
+                todo[q] // LANES, todo[q] % LANES, h, constant, gram, n, k, half, weight, mean,
+                value, tau, curvature, v,
+            )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _by_face(face, faces):
+    """(P,) the pixels of a face together, of face (P,) < faces."""
+    at = np.zeros(faces + 3, np.int64)
+    for f in face:
+        at[f + 3] += 1
+    for f in range(1, len(at)):
+        at[f] += at[f - 1]
+    order = np.empty(len(face), np.int64)
+    for q in range(len(face)):
+        order[at[face[q] + 2]] = q
+        at[face[q] + 2] += 1
+    return order
+
+
+@numba.njit(cache=True)
+def _one_by_one(
+    g, i, h, constant, gram, n, k, half, weight, mean, value, tau, curvature, v
+):  # fmt: skip
+    own, at, free, total = np.empty(n + k), np.empty(k), np.empty(k, np.bool_), 0.0
+    for a in range(n + k):
+        own[a] = h[g, a, i]
+    for j in range(k):
+        at[j] = max(v[g, j, i], 0.0)
+        free[j] = at[j] > 0.0
+        total += at[j]
+    for j in range(k):
+        at[j] /= total
+    e, tau[g, i], curvature[g, i] = simplex.solve(
+        own, gram, n, k, half, weight, mean, tau[g, i], at, free,
+        np.empty((8 + k, max(n, k) + 1)),
+    )  # fmt: skip
+    value[g, i] = e + constant[g, i]
+    for j in range(k):
+        v[g, j, i] = at[j]
 
 
 @numba.njit(cache=True, parallel=True, fastmath=False)
@@ -399,7 +382,7 @@ def _solve_given(h, gram, n, k, half, weight, mean, energy, tau, curvature, ligh
         free = np.ones(k, np.bool_)
         lighting[pixel] = 1.0 / k
         start = min(max(tau[pixel], -1.0), 1.0)
-        energy[pixel], tau[pixel], curvature[pixel] = _solve(
+        energy[pixel], tau[pixel], curvature[pixel] = simplex.solve(
             h[pixel], gram, n, k, half, weight[pixel], mean[pixel], start,
             lighting[pixel], free, work,
         )  # fmt: skip

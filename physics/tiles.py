@@ -4,12 +4,12 @@ Where an answer looks no farther than the halo, tiling changes nothing but the m
 that of the tiles at work, picture and large maps being in files (`scratch`).
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
 import numpy as np
 
 from . import scratch
+from .threads import in_threads
 
 TILE_BYTES = 3e8  # about what the work on one tile may take, or on two at once
 TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
@@ -45,15 +45,9 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
                 scratch.release(maps[name])
             scratch.release(image)
 
-    threads = ThreadPoolExecutor(at_once)
-    # one at a time stays in the caller's thread, to which numba's and others' settings belong
-    answered = threads.map(work, corners) if at_once > 1 else map(work, corners)
-    try:
-        for done, _ in enumerate(answered, 1):
-            if progress is not None:
-                progress(done, len(corners))
-    finally:
-        threads.shutdown(cancel_futures=True)
+    for done, _ in enumerate(in_threads(work, corners, at_once), 1):
+        if progress is not None:
+            progress(done, len(corners))
     return maps
 
 

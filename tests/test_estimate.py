@@ -222,7 +222,8 @@ class Distilled:
 
     def __call__(self, lighting=None, row=None):
         lighting = self.v if lighting is None else np.broadcast_to(lighting, (20, 3))
-        return distill(self.model, self.spectra, self.row if row is None else row, self.t, lighting)
+        row = self.row if row is None else row
+        return distill(self.model, self.spectra, row, self.t, lighting, threads=1)
 
 
 def test_only_the_sky_is_left_to_shine():

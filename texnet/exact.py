@@ -1,5 +1,6 @@
 """local and sgd: every pixel and material exactly, and the semi-global refinement of that."""
 
+import numba
 import numpy as np
 
 from physics.distill import distill
@@ -32,24 +33,26 @@ def solve(cube, library, environment, smooth, report, lap):
     lap     lap(stage) is called after each stage
     """
     model = reduce_model(cube, library, environment)
+    threads = numba.get_num_threads()
     if smooth:
         local = solve_local(model, cube.spectra, report("local"))
         lap("local")
         objective = Objective(model, cube.radiance, local)
         answer = refine(objective, objective.local_state(), report("refine"))
         lap("refine")
-        maps = _maps(cube.radiance, library, environment, model, local, answer, SGD_TRUST)
+        maps = _maps(cube.radiance, library, environment, model, local, answer, SGD_TRUST, threads)
         lap("texture")
         return maps | {"objective": answer.objective}
 
     def tile(part, _):
         spectra = part.reshape(cube.bands, -1).T
-        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE)
+        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1)
         answer = unsmoothed(local)
-        return _maps(part, library, environment, model, local, answer, LOCAL_TRUST)
+        return _maps(part, library, environment, model, local, answer, LOCAL_TRUST, 1)
 
-    pixels = TILE_BYTES / (BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands)
-    maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"))
+    each = BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands
+    pixels = TILE_BYTES / threads / each
+    maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"), at_once=threads)
     lap("local")
     return maps
 
@@ -70,14 +73,14 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
     )
 
 
-def _maps(radiance, library, environment, model, local, answer, trust):
+def _maps(radiance, library, environment, model, local, answer, trust, threads):
     state, bands = answer.state, len(radiance)
     trust = min(1.0, trust * bands**-0.5)
     probability = answer.probability**trust
     probability /= probability.sum(axis=1, keepdims=True)
     spectra = radiance.reshape(bands, -1).T
     texture, sky_texture, residual = distill(
-        model, spectra, state.row, state.temperature_k, state.thermal_lighting
+        model, spectra, state.row, state.temperature_k, state.thermal_lighting, threads
     )
     sky = state.material == (library.sky_index if environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)

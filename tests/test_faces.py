@@ -1,12 +1,12 @@
-"""Eq. 6 without V's bounds: a lower bound, exact where V needs none; and what `local` prunes."""
+"""Eq. 6 on faces of the simplex: exact where V is inside, else a bound; and what `local` prunes."""
 
 import numpy as np
 import pytest
 
 from physics import Environment, HeatCube, MaterialLibrary
-from physics.local import HOPELESS, solve_given, solve_local
+from physics.faces import LANES, lower_bound, solve_on_face, tables, times
+from physics.local import HOPELESS, energy_given, solve_given, solve_local
 from physics.reduced import reduce_model
-from physics.unbounded import LANES, solve_unbounded, tables, times
 
 
 @pytest.mark.parametrize("m, n", [(1, 1), (2, 4), (5, 7), (26, 55)])
@@ -14,7 +14,7 @@ def test_times_is_a_matrix_product(m, n):
     r = np.random.default_rng(m)
     a, s, out = r.normal(size=(m, n)), r.normal(size=(n, LANES)), np.empty((m, LANES))
     a[: m // 2] = 0
-    times(a, s, out)
+    times(a, s, out, LANES)
     np.testing.assert_allclose(out, a @ s, atol=1e-12)
 
 
@@ -24,17 +24,19 @@ def everything(p, k):
     spectra, n = p.cube.spectra[:LANES].astype(float), model.terms
     prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
     rows = len(model.gram)
-    value, bound, curvature, x = np.empty((4, rows, LANES))
+    value, bound, curvature, x = np.zeros((4, rows, LANES))
     v, exact = np.empty((rows, k, LANES)), np.empty((rows, LANES))
-    zero = np.zeros(LANES)
-    work = np.empty((2 * n + k + 10, LANES))
+    zero, pull = np.zeros(LANES), np.empty((k, LANES))
+    work = np.empty((4 * n + 2 * k + 6, LANES))
+    known = tuple(tables(model.gram, n, model.half_k, *prior))
     for r in range(rows):
         h, constant = model.inner_products(spectra / model.sigma, r)
-        value[r], x[r] = constant + model.occam[r], 0.0
-        solve_unbounded(
-            np.ascontiguousarray(h.T), model.gram[r], tuple(tables(model.gram, n)), r, n, k,
-            model.half_k, *prior, x[r], work, value[r], bound[r], curvature[r], v[r],
+        solve_on_face(
+            np.ascontiguousarray(h.T), constant + model.occam[r], LANES, known, r, 0, model.half_k,
+            *prior, x[r], work, value[r], curvature[r], v[r], pull,
         )  # fmt: skip
+        np.testing.assert_allclose(pull[:, value[r] > -np.inf], 0, atol=1e-4)  # on no other face
+        lower_bound(known, r, model.half_k, x[r], work, value[r], curvature[r], v[r], bound[r])
         row = np.full(LANES, r)
         exact[r] = solve_given(model, spectra, row, p.temperature[:LANES], zero, zero)[0]
     return model, value, bound, model.mid_k + model.half_k * x, v, exact
@@ -50,15 +52,54 @@ def test_it_is_a_lower_bound_and_exact_where_no_lighting_factor_is_negative(make
     np.testing.assert_allclose(v.sum(axis=1), 1, atol=1e-9)
     slack = 1e-3 + 1e-6 * np.abs(exact)
     assert (value <= exact + slack)[done].all() and (value <= bound)[done].all()
-    # the bound takes (T, V) for a Gaussian where T moves by a few kelvin between the two
-    assert (bound <= exact + 0.1 * (exact - value) + slack)[done].all()
     positive = done & (v >= 0).all(axis=1)
     assert positive.any()
+    np.testing.assert_array_equal(bound == np.inf, positive)
+    # the bound takes (T, V) for a Gaussian where T moves by a few kelvin between the two
+    outside = done & ~positive
+    assert (bound <= exact + 0.1 * (exact - value) + slack)[outside].all()
     np.testing.assert_allclose(value[positive], exact[positive], rtol=1e-6, atol=1e-3)
     if k == 1:
         assert positive[done].all()
     else:
         assert (bound > value)[done & ~positive].mean() > 0.5
+
+
+@pytest.mark.parametrize("k", [2, 5])
+def test_on_every_face_neither_what_is_free_nor_temperature_would_lower_energy(make_pixels, k):
+    p = make_pixels(k=k, shape=(8, 8), seed=k)
+    model = reduce_model(p.cube, p.library, p.environment)
+    spectra, n, r = p.cube.spectra[:LANES].astype(float), model.terms, 1
+    prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
+    h, constant = model.inner_products(spectra / model.sigma, r)
+    known = tables(model.gram, n, model.half_k, *prior)
+    assert len(known.free) == {2: 3, 5: 26}[k]
+    for face, free in enumerate(known.free):
+        x, value, curvature = np.zeros((3, LANES))
+        v, pull, work = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((90, LANES))
+        solve_on_face(
+            np.ascontiguousarray(h.T), constant + model.occam[r], LANES, tuple(known), r, face,
+            model.half_k, *prior, x, work, value, curvature, v, pull,
+        )  # fmt: skip
+        assert (v[~free] == 0).all() and (value > -np.inf).all()
+        np.testing.assert_allclose(v.sum(axis=0), 1, atol=1e-9)
+        t = model.mid_k + model.half_k * x
+        at = lambda t, v: energy_given(model, spectra, np.full(LANES, r), t, v.T)  # noqa: E731
+        np.testing.assert_allclose(value, at(t, v), rtol=1e-7)
+        assert (at(t + 0.01, v) > value).all() and (at(t - 0.01, v) > value).all()
+        for j in np.flatnonzero(free):
+            for i in np.flatnonzero(free):
+                off = v.copy()
+                off[i] += 1e-3
+                off[j] -= 1e-3
+                assert i == j or (at(t, off) > value).all()
+        for j in np.flatnonzero(~free):  # by how much others would, to first order
+            i, step = np.flatnonzero(free)[0], 1e-6
+            off = v.copy()
+            off[j] += step
+            off[i] -= step
+            slope = (at(t, off) - at(t, v)) / step
+            np.testing.assert_allclose(slope, pull[j], rtol=1e-2, atol=0.3)
 
 
 @pytest.mark.parametrize("k, bands", [(1, 54), (4, 54), (8, 54), (5, 3)])
@@ -87,7 +128,8 @@ def test_a_pixel_answers_alike_in_any_company(make_pixels):
     together = solve_local(model, p.cube.spectra)
     order = np.random.default_rng(1).permutation(150)[: LANES + 3]
     some = solve_local(model, p.cube.spectra[order])
-    np.testing.assert_allclose(some.energy, together.energy[order], rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(some.energy, together.energy[order], rtol=1e-6)
+    np.testing.assert_allclose(some.temperature_k, together.temperature_k[order], rtol=1e-6)
 
 
 def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
