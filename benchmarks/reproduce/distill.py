@@ -27,7 +27,7 @@ from matplotlib.colors import LogNorm
 from benchmarks.rows import write_csv
 from physics.eq1 import render
 from physics.library import MaterialLibrary
-from physics.local import PIXELS_PER_BLOCK
+from physics.reduced import PIXELS_PER_GROUP
 from physics.planck import noise_sigma
 from texnet.metrics import correlation, non_sky
 from texnet.pipeline import decompose
@@ -77,8 +77,8 @@ def _residuals(cube, truth, answer, library):
     t, v = by_pixel(answer.temperature_k), by_pixel(answer.thermal_lighting)
     true_t, true_e, true_x = map(by_pixel, (truth.temperature_k, truth.emissivity, truth.texture))
     delta = np.empty((2, len(t)))
-    for start in range(0, len(t), PIXELS_PER_BLOCK):
-        b = slice(start, start + PIXELS_PER_BLOCK)
+    for start in range(0, len(t), PIXELS_PER_GROUP):
+        b = slice(start, start + PIXELS_PER_GROUP)
         fitted = fit_lighting(true_x[b] / sigma, answer.environment / sigma)
         answers = (t[b], curves[answer.material.ravel()[b]], v[b]), (true_t[b], true_e[b], fitted)
         for d, tev in zip(delta, answers, strict=True):
