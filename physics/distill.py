@@ -36,6 +36,7 @@ def distill(model, spectra, row, temperature_k, thermal_lighting, threads):
     environment = model.environment
     objects, n = list(environment.sky), len(environment.spread)
     directions = np.concatenate([environment.spread, environment.skylight_spread])
+    directions, radiance = (a.astype(np.float32) for a in (directions, environment.radiance))
     texture = np.empty((len(model.sigma), len(row)), np.float32).T
     lit, residual = np.zeros((2, len(row)), np.float32)
 
@@ -43,16 +44,19 @@ def distill(model, spectra, row, temperature_k, thermal_lighting, threads):
         r, index = group
         u, v = model.deviation[r], thermal_lighting[index]
         off = spectra[index] / model.sigma - model.rendered(r, temperature_k[index], v)
-        c = off @ np.linalg.solve(np.eye(u.shape[1]) + u.T @ u, u.T).T
+        to_c = np.linalg.solve(np.eye(u.shape[1]) + u.T @ u, u.T).T
+        # what is left has few digits that count
+        off, u, v, to_c = (a.astype(np.float32) for a in (off, u, v, to_c))
+        c = off @ to_c
         residual[index] = np.sqrt(((off - c @ u.T) ** 2).mean(axis=1))
         if model.material[r] == model.library.sky_index:
             texture[index] = 0.0
             return
         deviation = c[:, : len(directions)] @ directions
-        texture[index] = v @ environment.radiance + deviation
+        texture[index] = v @ radiance + deviation
         of_sky = c[:, n : len(directions)] @ directions[n:].mean(axis=1)
         v = v[:, objects]
-        lit[index] = v @ environment.radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky
+        lit[index] = v @ radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky
 
     for _ in in_threads(of_group, groups(row), threads):
         pass

@@ -65,12 +65,10 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
     best = energy.argmin(axis=1)
     p = np.arange(len(best))
     rim = (model.sky_share[state.row[sky]] < 1) | (energy[p, best] - of_sky < RIM_NATS)
-    air = brightness_temperature(model.wavelength_um, spectra[sky].astype(np.float64))
-    # the air is as warm as its opaque bands look
-    return (
-        np.where(rim, local.temperature_k[sky][p, best], air.max(axis=1)),
-        np.where(rim, local.sigma_k[sky][p, best], AIR_SIGMA_K),
-    )
+    t, sigma = local.temperature_k[sky][p, best], local.sigma_k[sky][p, best]
+    air = brightness_temperature(model.wavelength_um.astype(np.float32), spectra[sky][~rim])
+    t[~rim], sigma[~rim] = air.max(axis=1), AIR_SIGMA_K  # as warm as its opaque bands look
+    return t, sigma
 
 
 def _maps(radiance, library, environment, model, local, answer, trust, threads):

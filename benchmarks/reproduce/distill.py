@@ -27,8 +27,8 @@ from matplotlib.colors import LogNorm
 from benchmarks.rows import write_csv
 from physics.eq1 import render
 from physics.library import MaterialLibrary
-from physics.reduced import PIXELS_PER_GROUP
 from physics.planck import noise_sigma
+from physics.reduced import PIXELS_PER_GROUP
 from texnet.metrics import correlation, non_sky
 from texnet.pipeline import decompose
 
