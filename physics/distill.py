@@ -58,6 +58,5 @@ def distill(model, spectra, row, temperature_k, thermal_lighting, threads):
         v = v[:, objects]
         lit[index] = v @ radiance[objects].mean(axis=1) + v.sum(axis=1) * of_sky
 
-    for _ in in_threads(of_group, groups(row), threads):
-        pass
+    in_threads(of_group, groups(row), threads)
     return texture, lit if objects else residual, residual

@@ -7,9 +7,9 @@ Let p = (C_i(tau)), and let T and V index the blocks of H:
     J(tau) = p' M p / 2 - b' p + const                    M = H_TT - H_TV Z H_VT
     b = h_T - H_TV (Z h_V + u)                            V = Z (h_V - H_VT p) + u
 
-with Z = G - G 1 1' G / (1' G 1) and u = G 1 / (1' G 1), G the inverse of H_VV's free block. Of
-the 2 n - 2 coefficients of J' in powers of tau a pixel changes the first n - 1, by what is linear
-in h, so that a step of Newton's method takes a few multiplications.
+with Z = G - G 1 1' G / (1' G 1) and u = G 1 / (1' G 1), G the inverse of H_VV's free block. J' is
+a Chebyshev series of 2 n - 2 terms, of which a pixel changes the first n - 1, by what is linear in
+h, so that a step of Newton's method takes a few multiplications.
 
 Where no V_j is negative, and none that is zero would lower J (Karush, Kuhn, Tucker), this is the
 answer. On the face of all V it is a lower bound at least; and since V_j >= 0 alone raises the J of
@@ -17,6 +17,7 @@ a Gaussian (T, V) by V_j^2 / (2 var V_j), the largest of these makes the bound a
 where T moves so little (NEAR_K) that (T, V) is nearly Gaussian.
 """
 
+import math
 from itertools import combinations
 from typing import NamedTuple
 
@@ -28,8 +29,8 @@ STEPS = 12  # of Newton's method
 TOLERANCE = 1e-4  # of the last step in tau: the next would be about its square
 NEAR_K = 3.0
 LANES = 64  # pixels worked on together
-MOST_ZERO = 3  # V_j, of a face that has tables
-_UNROLLED = 4  # coefficients in a pass of Horner's rule
+MOST_ZERO, MOST_NUMBERS = 3, 1e7  # V_j, of a face that has tables; in those tables, about
+UNROLLED = 4  # coefficients in a pass of Clenshaw's rule, which is written for so many
 # a * b + c may be rounded once, and 1 / 0 is infinite: else pixels would not share instructions
 _FUSED = numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")
 
@@ -37,19 +38,18 @@ _FUSED = numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")
 class Tables(NamedTuple):
     """What no pixel changes, of R hypotheses on F faces, the first that of all V.
 
-    free    (F, k) bool, which V_j may differ from zero
-    number  (2^k,) the face of a set of free V_j, sum of 2^j; -1 if it has no tables
-    onto    (R, F, n - 1, n + k), takes h to what it adds to J', in powers of tau
-    slope   (R, F, S) J' but for that, zeros at the end
-    bend    (R, F, S) likewise, the curvature p' M p in tau (Gauss-Newton) with the prior's
+    free    (F, k) bool, which V_j may differ from zero;  sets (F,) their sum of 2^j
+    onto    (R, F, n - 1, n + k), takes h to what it adds to J'
+    slope   (R, F, S) J' but for that: this and the next are Chebyshev series, zeros at their end
+    bend    (R, F, S) the curvature p' M p in tau (Gauss-Newton) with the prior's
+    glow    (R, S) p' H_TT p / 2
     u, z    (R, F, k), (R, F, k, k)
-    lean    (R, F, k, n) Z H_VT
-    glow    (R, S) Chebyshev series of p' H_TT p / 2, zeros at the end
+    lean    (R, k, n) Z H_VT of all V
     vt, vv  (R, k, n), (R, k, k) H_VT and H_VV
     """
 
     free: np.ndarray
-    number: np.ndarray
+    sets: np.ndarray
     onto: np.ndarray
     slope: np.ndarray
     bend: np.ndarray
@@ -64,12 +64,14 @@ class Tables(NamedTuple):
 def tables(gram, n, half, weight, mean) -> Tables:
     """Tables of H (R, n + k, n + k); half, weight and mean as for `simplex.solve`."""
     rows, k = len(gram), gram.shape[1] - n
+    most = MOST_ZERO
+    while most and rows * math.comb(k + 1, most) * (n + k) ** 2 > MOST_NUMBERS:
+        most -= 1
     free = np.array([
         [j not in zero for j in range(k)]
-        for count in range(min(k, MOST_ZERO + 1)) for zero in combinations(range(k), count)
+        for count in range(min(k, most + 1)) for zero in combinations(range(k), count)
     ])  # fmt: skip
-    number = np.full(1 << k, -1)
-    number[free @ (1 << np.arange(k))] = np.arange(len(free))
+    sets = free @ (1 << np.arange(k))
     z, u = np.zeros((rows, len(free), k, k)), np.zeros((rows, len(free), k))
     for face, index in enumerate(map(np.flatnonzero, free)):
         inverse = np.linalg.inv(gram[:, n + index[:, None], n + index])
@@ -83,29 +85,30 @@ def tables(gram, n, half, weight, mean) -> Tables:
     m = tt[:, None] - vt[:, None].transpose(0, 1, 3, 2) @ lean
     shift = (u[:, :, None] @ vt[:, None])[:, :, 0]
 
-    powers = np.zeros((n, n))  # C_i = sum_d powers[i, d] tau^d
-    for i, c in enumerate(np.eye(n)):
-        powers[i, : i + 1] = chebyshev.cheb2poly(c[: i + 1])
-    m = powers.T @ m @ powers
-    size = -(-(2 * n - 1) // _UNROLLED) * _UNROLLED
-    slope, bend = np.zeros((2, rows, len(free), size))
-    glow = np.zeros((rows, size))
-    for i in range(n):
-        for j in range(n):
-            glow[:, i + j] += 0.25 * tt[:, i, j]  # C_i C_j = (C_{i+j} + C_{|i-j|}) / 2
-            glow[:, abs(i - j)] += 0.25 * tt[:, i, j]
-            if i + j:
-                slope[..., i + j - 1] += 0.5 * (i + j) * m[..., i, j]
-            if i and j:
-                bend[..., i + j - 2] += i * j * m[..., i, j]
-    bend[..., 0] += weight * half**2
-    slope[..., 1] += weight * half**2
+    derive = chebyshev.chebder(np.eye(n))  # (n - 1, n) coefficients -> of the derivative
+    size = -(-(2 * n - 1) // UNROLLED) * UNROLLED
+    glow = _products(0.5 * tt, size)
+    slope = np.zeros((rows, len(free), size))
+    slope[..., : size - 1] = chebyshev.chebder(_products(0.5 * m, size), axis=2)
+    slope[..., : n - 1] += shift @ derive.T
     slope[..., 0] -= weight * half * mean
-    to_slope = -(powers.T * np.arange(n)[:, None])[1:]
-    slope[..., : n - 1] -= shift @ to_slope.T
-    of_t = np.broadcast_to(to_slope, (rows, len(free), n - 1, n))
-    onto = np.concatenate([of_t, -to_slope @ lean.transpose(0, 1, 3, 2)], axis=3)
-    return Tables(free, number, onto, slope, bend, u, z, lean, glow, vt, vv)
+    slope[..., 1] += weight * half**2
+    bend = _products(derive @ m @ derive.T, size)
+    bend[..., 0] += weight * half**2
+    of_t = np.broadcast_to(-derive, (rows, len(free), n - 1, n))
+    onto = np.concatenate([of_t, derive @ lean.transpose(0, 1, 3, 2)], axis=3)
+    lean = np.ascontiguousarray(lean[:, 0])
+    return Tables(free, sets, onto, slope, bend, u, z, lean, glow, vt, vv)
+
+
+def _products(m, size):
+    """Chebyshev series (.., size) of p' m p, m (.., i, i): C_i C_j = (C_{i+j} + C_{|i-j|}) / 2."""
+    series = np.zeros((*m.shape[:-2], size))
+    for i in range(m.shape[-1]):
+        for j in range(m.shape[-1]):
+            series[..., i + j] += 0.5 * m[..., i, j]
+            series[..., abs(i - j)] += 0.5 * m[..., i, j]
+    return series
 
 
 @_FUSED
@@ -159,10 +162,11 @@ def solve_on_face(
     v          (k, LANES) out: V, which may be negative
     pull       (k, LANES) out: by what V_j would raise J, per unit taken from the others
     """
-    _, _, onto, slopes, bends, u, z, _, glow, vt, vv = tables
+    _, _, onto, slopes, bends, u, z, _, glows, vt, vv = tables
     k, n, size = vt.shape[1], vt.shape[2], slopes.shape[2]
     step, bend, cheb = work[0], work[1], work[2 : n + 2]
-    light, series = work[n + 2 : n + k + 2], work[n + k + 2 : n + k + 2 + size]
+    light, rest = work[n + 2 : n + k + 2], work[n + k + 2 :]
+    series = rest[:size]
     times(onto[r, face], h, series, c)
     for i in range(size):
         a = slopes[r, face, i]
@@ -186,26 +190,15 @@ def solve_on_face(
             light[j, p] = h[n + j, p] - light[j, p]
     times(z[r, face], light, v, c)
     # J from H itself, because what V has been eliminated from cancels
-    b1, b2, mean_pull = series[0], series[1], series[2]
-    for p in range(c):
-        b1[p], b2[p], curvature[p], mean_pull[p] = 0.0, 0.0, 0.0, 0.0
-    for i in range(size - 4, -1, -4):
-        a0, a1, a2, a3 = glow[r, i], glow[r, i + 1], glow[r, i + 2], glow[r, i + 3]
-        for p in range(c):  # Clenshaw's rule
-            t, b, d = 2.0 * x[p], b1[p], b2[p]
-            d = a3 + (t * b - d)
-            b = a2 + (t * d - b)
-            d = a1 + (t * b - d)
-            b1[p], b2[p] = a0 + (t * d - b), d
-        a0, a1 = bends[r, face, i], bends[r, face, i + 1]
-        a2, a3 = bends[r, face, i + 2], bends[r, face, i + 3]
-        for p in range(c):
-            t = x[p]
-            curvature[p] = (((curvature[p] * t + a3) * t + a2) * t + a1) * t + a0
+    glow, bent, mean_pull = rest[:2], rest[2:4], rest[4]  # the series has served
+    _clenshaw(glows[r], x, glow, c)
+    _clenshaw(bends[r, face], x, bent, c)
     for p in range(c):
         deviation = half * x[p] - mean
-        value[p] = constant[p] + (b1[p] - x[p] * b2[p]) + 0.5 * weight * deviation * deviation
-        curvature[p] /= half * half
+        value[p] = constant[p] + 0.5 * weight * deviation * deviation
+        value[p] += glow[0, p] - x[p] * glow[1, p]
+        curvature[p] = (bent[0, p] - x[p] * bent[1, p]) / (half * half)
+        mean_pull[p] = 0.0
     for i in range(n):
         for p in range(c):
             value[p] -= cheb[i, p] * h[i, p]
@@ -227,33 +220,50 @@ def solve_on_face(
 
 
 @_FUSED
+def _clenshaw(series, x, b, c):
+    """b (2, LANES): Clenshaw's b_0 and b_1 of a series (S,) at x, which is b_0 - x b_1."""
+    for p in range(c):
+        b[0, p], b[1, p] = 0.0, 0.0
+    for i in range(len(series) - UNROLLED, -1, -UNROLLED):
+        a0, a1, a2, a3 = series[i], series[i + 1], series[i + 2], series[i + 3]
+        for p in range(c):
+            t, b0, b1 = 2.0 * x[p], b[0, p], b[1, p]
+            b1 = a3 + (t * b0 - b1)
+            b0 = a2 + (t * b1 - b0)
+            b1 = a1 + (t * b0 - b1)
+            b[0, p], b[1, p] = a0 + (t * b1 - b0), b1
+
+
+@_FUSED
 def _newton(series, x, step, bend, c):
-    """Zero of J', whose coefficients are series (S, LANES), from x (LANES,), in place; the last
-    step, and J'' before it. A pixel stays where it has converged, whatever the others do."""
-    slope, flat = np.empty(LANES), np.empty(LANES)
+    """Zero of J', a series (S, LANES), from x (LANES,), in place; the last step, and J'' before it.
+    A pixel stays where it has converged, whatever the others do."""
+    b, d = np.empty((2, LANES)), np.empty((2, LANES))
     for p in range(c):
         step[p] = np.inf
     for _ in range(STEPS):
         for p in range(c):
-            slope[p], flat[p] = 0.0, 0.0
-        for i in range(len(series) - 4, -1, -4):  # Horner's rule, of J' and J''
-            for p in range(c):
-                a, b, t = slope[p], flat[p], x[p]
-                b = b * t + a
-                a = a * t + series[i + 3, p]
-                b = b * t + a
-                a = a * t + series[i + 2, p]
-                b = b * t + a
-                a = a * t + series[i + 1, p]
-                flat[p] = b * t + a
-                slope[p] = a * t + series[i, p]
+            b[0, p], b[1, p], d[0, p], d[1, p] = 0.0, 0.0, 0.0, 0.0
+        for i in range(len(series) - UNROLLED, -1, -UNROLLED):
+            for p in range(c):  # Clenshaw's rule and its derivative
+                t, b0, b1, d0, d1 = 2.0 * x[p], b[0, p], b[1, p], d[0, p], d[1, p]
+                d1 = 2.0 * b0 + (t * d0 - d1)
+                b1 = series[i + 3, p] + (t * b0 - b1)
+                d0 = 2.0 * b1 + (t * d1 - d0)
+                b0 = series[i + 2, p] + (t * b1 - b0)
+                d1 = 2.0 * b0 + (t * d0 - d1)
+                b1 = series[i + 1, p] + (t * b0 - b1)
+                d[0, p], d[1, p] = 2.0 * b1 + (t * d1 - d0), d1
+                b[0, p], b[1, p] = series[i, p] + (t * b1 - b0), b1
         moving = 0
         for p in range(c):
             # where J bends down: a step that says "not converged"
-            move = -slope[p] / flat[p] if flat[p] > 0.0 else (0.2 if slope[p] < 0.0 else -0.2)
+            slope = b[0, p] - x[p] * b[1, p]
+            flat = d[0, p] - x[p] * d[1, p] - b[1, p]
+            move = -slope / flat if flat > 0.0 else (0.2 if slope < 0.0 else -0.2)
             move = min(max(move, -1.0 - x[p]), 1.0 - x[p])
             there = abs(step[p]) < TOLERANCE
-            bend[p] = bend[p] if there else flat[p]
+            bend[p] = bend[p] if there else flat
             x[p] = x[p] if there else x[p] + move
             step[p] = step[p] if there else move
             moving += abs(step[p]) >= TOLERANCE
@@ -263,12 +273,12 @@ def _newton(series, x, step, bend, c):
 
 @_FUSED
 def lower_bound(tables, r, half, x, work, value, curvature, v, bound):
-    """About the least J for V >= 0, at least value, from what `solve_on_face` left of face 0 and
-    LANES pixels.
+    """About the least J for V >= 0, at least value, from what `solve_on_face` has just left of face
+    0 and LANES pixels, in work too.
 
     bound  (LANES,) out; inf where that is done: no V_j is negative
     """
-    z, lean = tables[6][r, 0], tables[7][r, 0]
+    z, lean = tables[6][r, 0], tables[7][r]
     k, n = lean.shape
     bend, cheb, of_v, slope = work[1], work[2 : n + 2], work[n + 2 : n + k + 2], work[n + k + 2 :]
     for p in range(LANES):

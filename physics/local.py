@@ -18,6 +18,7 @@ left to `simplex`.
 """
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
@@ -32,10 +33,10 @@ from .threads import in_threads
 # More than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
 # 40,000 pixels times the materials, 18 for 1500) can make up for in `semiglobal`
 HOPELESS = 30.0  # nats
-BLOCK = 1024  # pixels that are solved together: of fewer, too few are on one face
+BLOCK, BLOCK_BYTES = 1024, 1 << 25  # solved together: of fewer pixels, too few are on one face
 PANEL = 4  # times LANES, pixels whose spectra stay in the cache through all hypotheses
 ROUNDS = 6  # of faces, for one hypothesis
-PULL = 1e-6  # nats per unit of V, which is nothing
+PULL = 1e-4  # nats that a V_j might lower J by, at most, and yet stay zero
 _DONE, _NONE = -2, -1  # in place of a face's number
 
 
@@ -66,9 +67,9 @@ def solve_local(
 ) -> LocalSolution:
     """Solve Eq. 6 for every pixel and material of spectra (P, bands), W m-2 sr-1 um-1.
 
-    progress, if given, is called as progress(pixels done, pixels); hopeless is in nats, see
-    LocalSolution: less is faster, and enough where nothing but the evidence decides; threads are
-    as many as numba's if None.
+    progress, if given, is called as progress(done, total); hopeless is in nats, see LocalSolution:
+    less is faster, and enough where nothing but the evidence decides; threads are as many as
+    numba's if None.
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
@@ -78,14 +79,16 @@ def solve_local(
     lighting = np.empty((pixels, model.k), np.float32)
     prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
     of_t = model.terms, model.k, model.half_k, *prior
-    linear, square = model.of_all()
-    tables = tuple(faces.tables(model.gram, model.terms, model.half_k, *prior))
+    linear, square, tables = _prepared(model)
     is_sky = model.material == model.library.sky_index
     middle = len(model.sigma) // 2
+    threads = threads or numba.get_num_threads()
+    fits = BLOCK_BYTES // (8 * len(model.gram) * (model.terms + 2 * model.k + 5))
+    size = max(LANES, min(BLOCK, fits, -(-pixels // threads)) // LANES * LANES)
 
     def solve_block(first):
-        part = slice(first, first + BLOCK)
-        radiance = np.array(spectra[part].T, np.float64, order="C")  # (bands, <= BLOCK)
+        part = slice(first, first + size)
+        radiance = np.array(spectra[part].T, np.float64, order="C")
         start_k = brightness_temperature(
             model.wavelength_um[middle], np.maximum(radiance[middle], 1e-9)
         )
@@ -95,12 +98,21 @@ def solve_local(
             temperature[part], sigma[part], row[part], lighting[part],
         )  # fmt: skip
 
-    blocks = range(0, pixels, BLOCK)
-    threads = threads or numba.get_num_threads()
-    for done, _ in enumerate(in_threads(solve_block, blocks, threads), 1):
-        if progress:
-            progress(min(done * BLOCK, pixels), pixels)
+    blocks = range(0, pixels, size)
+    in_threads(solve_block, blocks, threads, progress)
     return LocalSolution(energy, temperature, sigma, row, lighting)
+
+
+_PREPARED = WeakKeyDictionary()  # tiles share a model
+
+
+def _prepared(model):
+    """ReducedModel.of_all and faces.Tables as a plain tuple, made once for a model."""
+    if model not in _PREPARED:
+        prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
+        tables = faces.tables(model.gram, model.terms, model.half_k, *prior)
+        _PREPARED[model] = *model.of_all(), tuple(tables)
+    return _PREPARED[model]
 
 
 def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k):
@@ -149,7 +161,7 @@ def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
     return energy
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _solve_block(
     s, start, linear, square, gram, tables, n, k, half, weight, mean, material, is_sky, mid,
     hopeless, energy, temperature, sigma, row, lighting,
@@ -272,7 +284,7 @@ def _put_bounds(
     """Put V's bounds on pixels todo (count,) of hypothesis r; h to v as there, of this r.
 
     What is negative leaves the free V_j and what would lower J joins them, until all is well."""
-    free, number, count = tables[0], tables[1], len(todo)
+    free, sets, count = tables[0], tables[1], len(todo)
     face, x = np.empty(count, np.int64), np.empty(count)
     own, own_v, pull = np.empty((n + k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
     own_constant, own_x, own_value = np.empty(LANES), np.empty(LANES), np.empty(LANES)
@@ -283,7 +295,7 @@ def _put_bounds(
         held = 0
         for j in range(k):
             held += (v[g, j, i] >= 0.0) << j
-        face[q] = number[held] if value[g, i] > -np.inf else _NONE
+        face[q] = _number(sets, held) if value[g, i] > -np.inf else _NONE
     for _ in range(ROUNDS):
         order = _by_face(face, len(free))
         done, at = True, 0
@@ -315,7 +327,7 @@ def _put_bounds(
                     held += (free[f, j] and own_v[j, p] >= 0.0) << j
                     if not free[f, j] and pull[j, p] < strongest:
                         joins, strongest = 1 << j, pull[j, p]
-                inside = number[held] == f
+                inside = held == sets[f]
                 if own_value[p] == -np.inf:
                     face[q] = _NONE
                 elif inside and not joins:
@@ -326,7 +338,7 @@ def _put_bounds(
                     for j in range(k):
                         v[g, j, i] = own_v[j, p]
                 else:
-                    face[q] = number[held + joins] if inside else number[held]
+                    face[q] = _number(sets, held + joins if inside else held)
         if done:
             break
     for q in range(count):
@@ -335,6 +347,15 @@ def _put_bounds(
                 todo[q] // LANES, todo[q] % LANES, h, constant, gram, n, k, half, weight, mean,
                 value, tau, curvature, v,
             )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _number(sets, held):
+    """The face of a set of free V_j, or _NONE."""
+    for f in range(len(sets)):
+        if sets[f] == held:
+            return f
+    return _NONE
 
 
 @numba.njit(cache=True)

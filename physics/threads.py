@@ -1,21 +1,29 @@
-"""Work on many items, some at a time in threads: for what leaves the interpreter to others."""
+"""Many items, some at a time, in threads: for work that leaves the interpreter to others."""
 
-from concurrent.futures import ThreadPoolExecutor
-
-from threadpoolctl import threadpool_limits
+from concurrent.futures import ThreadPoolExecutor, as_completed
 
 
-def in_threads(work, items, threads):
-    """Yield work(item) of all items in their order; where the caller stops, so does the work.
+def in_threads(work, items, threads, progress=None):
+    """(work(item) of all items), in their order; progress is called here, as
+    progress(done, total), after each. Whatever is raised here or there ends the work.
 
-    One thread is the caller's own, to which numba's and others' settings belong. To several
-    threads BLAS gives one each, since its own would be in their way."""
+    One thread is the caller's own, to which numba's and others' settings belong."""
+    items = list(items)
     if threads == 1:
-        yield from map(work, items)
-        return
-    pool = ThreadPoolExecutor(threads)
-    with threadpool_limits(1, "blas"):
+        results = []
+        for item in items:
+            results.append(work(item))
+            if progress is not None:
+                progress(len(results), len(items))
+        return results
+    with ThreadPoolExecutor(threads) as pool:
+        jobs = [pool.submit(work, item) for item in items]
         try:
-            yield from pool.map(work, items)
-        finally:
+            for done, job in enumerate(as_completed(jobs), 1):
+                job.result()
+                if progress is not None:
+                    progress(done, len(items))
+        except BaseException:
             pool.shutdown(cancel_futures=True)
+            raise
+    return [job.result() for job in jobs]

@@ -11,7 +11,7 @@ import numpy as np
 from . import scratch
 from .threads import in_threads
 
-TILE_BYTES = 3e8  # about what the work on one tile may take, or on two at once
+TILE_BYTES = 3e8  # about what the work on all tiles at hand may take
 TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
 
 
@@ -45,9 +45,7 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
                 scratch.release(maps[name])
             scratch.release(image)
 
-    for done, _ in enumerate(in_threads(work, corners, at_once), 1):
-        if progress is not None:
-            progress(done, len(corners))
+    in_threads(work, corners, at_once, progress)
     return maps
 
 

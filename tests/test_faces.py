@@ -6,6 +6,7 @@ import pytest
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.faces import LANES, lower_bound, solve_on_face, tables, times
 from physics.local import HOPELESS, energy_given, solve_given, solve_local
+from physics.planck import radiance
 from physics.reduced import reduce_model
 
 
@@ -102,7 +103,7 @@ def test_on_every_face_neither_what_is_free_nor_temperature_would_lower_energy(m
             np.testing.assert_allclose(slope, pull[j], rtol=1e-2, atol=0.3)
 
 
-@pytest.mark.parametrize("k, bands", [(1, 54), (4, 54), (8, 54), (5, 3)])
+@pytest.mark.parametrize("k, bands", [(1, 54), (4, 54), (8, 54), (10, 54), (5, 3)])
 def test_what_is_pruned_is_hopeless(make_pixels, k, bands):
     p = make_pixels(bands=bands, k=k, shape=(9, 11), seed=k, netd=0.3)  # no multiple of LANES
     model = reduce_model(p.cube, p.library, p.environment)
@@ -130,6 +131,34 @@ def test_a_pixel_answers_alike_in_any_company(make_pixels):
     some = solve_local(model, p.cube.spectra[order])
     np.testing.assert_allclose(some.energy, together.energy[order], rtol=1e-6)
     np.testing.assert_allclose(some.temperature_k, together.temperature_k[order], rtol=1e-6)
+
+
+@pytest.mark.parametrize("hot", [1500.0, 6000.0])
+def test_a_fire_in_the_picture_does_not_blur_the_rest(make_pixels, hot):
+    """The wider the range of T, the longer the series; T near its end is as exact as ever."""
+    p = make_pixels(k=3, shape=(8, 9), seed=2)
+    s = p.cube.radiance.copy()
+    s[:, 0, 0] = radiance(p.wavelength, hot)
+    cube = HeatCube(s, p.wavelength, netd_k=p.cube.netd_k)
+    model = reduce_model(cube, p.library, p.environment)
+    assert model.terms > 15
+    local, zero = solve_local(model, cube.spectra), np.zeros(72)
+    i, best = np.arange(72), local.energy.argmin(axis=1)
+    exact = solve_given(model, cube.spectra, best, np.r_[hot, p.temperature[1:]], zero, zero)
+    # what is left of terms of up to 1e13
+    np.testing.assert_allclose(local.energy[i, best], exact[0], rtol=1e-5, atol=1e-2)
+    np.testing.assert_allclose(local.temperature_k[i, best], exact[1], atol=1e-2)
+    assert np.abs(local.temperature_k[i, best] - p.temperature)[1:].max() < 5
+
+
+@pytest.mark.parametrize("pixels", [0, 1, 135])
+def test_threads_change_nothing(make_pixels, pixels):
+    p = make_pixels(shape=(9, 15))
+    model = reduce_model(p.cube, p.library, p.environment)
+    one, two = (solve_local(model, p.cube.spectra[:pixels], threads=n) for n in (1, 2))
+    assert one.energy.shape == (pixels, len(p.library))
+    for name in ("energy", "temperature_k", "sigma_k", "row", "lighting"):
+        np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=1e-6)
 
 
 def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):

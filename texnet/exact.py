@@ -2,6 +2,7 @@
 
 import numba
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from physics.distill import distill
 from physics.local import solve_local
@@ -34,15 +35,7 @@ def solve(cube, library, environment, smooth, report, lap):
     """
     model = reduce_model(cube, library, environment)
     threads = numba.get_num_threads()
-    if smooth:
-        local = solve_local(model, cube.spectra, report("local"))
-        lap("local")
-        objective = Objective(model, cube.radiance, local)
-        answer = refine(objective, objective.local_state(), report("refine"))
-        lap("refine")
-        maps = _maps(cube.radiance, library, environment, model, local, answer, SGD_TRUST, threads)
-        lap("texture")
-        return maps | {"objective": answer.objective}
+    solve_local(model, cube.pixels([0]))  # compiled here, where that can be interrupted
 
     def tile(part, _):
         spectra = part.reshape(cube.bands, -1).T
@@ -50,11 +43,23 @@ def solve(cube, library, environment, smooth, report, lap):
         answer = unsmoothed(local)
         return _maps(part, library, environment, model, local, answer, LOCAL_TRUST, 1)
 
-    each = BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands
-    pixels = TILE_BYTES / threads / each
-    maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"), at_once=threads)
-    lap("local")
-    return maps
+    with threadpool_limits(1, "blas"):  # whose threads would be in the way of ours
+        if smooth:
+            local = solve_local(model, cube.spectra, report("local"))
+            lap("local")
+            objective = Objective(model, cube.radiance, local)
+            answer = refine(objective, objective.local_state(), report("refine"))
+            lap("refine")
+            maps = _maps(
+                cube.radiance, library, environment, model, local, answer, SGD_TRUST, threads
+            )
+            lap("texture")
+            return maps | {"objective": answer.objective}
+        each = BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands
+        pixels = TILE_BYTES / threads / each
+        maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"), at_once=threads)
+        lap("local")
+        return maps
 
 
 def _temperature_at_sky(spectra, library, model, local, state, sky):

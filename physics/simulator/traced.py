@@ -11,7 +11,6 @@ the seed and the block alone, so the result does not depend on how threads are t
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -22,6 +21,7 @@ from ..heat_cube import MAX_NETD_K, HeatCube
 from ..library import SKY as SKY_NAME
 from ..planck import radiance
 from ..sky import Atmosphere
+from ..threads import in_threads
 from ..truth import Truth
 from .daylight import daylight
 from .sensor import FLOOR_K, Bands, add_noise
@@ -105,7 +105,7 @@ class TracedScene:
             material[at] = result.material
             visible[at] = daylight(paths, albedo_rgb, self.spp, self.atmosphere is None)
 
-        _in_threads(render, len(spans), progress)
+        in_threads(render, range(len(spans)), os.cpu_count(), progress)
 
         floor = radiance(bands.wavelength_um[:, None], FLOOR_K)
         for light in (s, x):
@@ -210,7 +210,8 @@ def trace_scene(scene, size, spp, seed, library):
     if not 0 <= seed < 2**64:
         raise InputError(f"simulate: the seed of a traced scene must be 0 to 2**64, got {seed}.")
     scene = trace_on_demand(scene, size, spp, seed, library)
-    return replace(scene, blocks=_in_threads(scene.blocks.__getitem__, len(scene.blocks)))
+    blocks = in_threads(lambda block: block, scene.blocks, os.cpu_count())
+    return replace(scene, blocks=tuple(blocks))
 
 
 def trace_on_demand(scene, size, spp, seed, library):
@@ -256,18 +257,3 @@ def pixel_blocks(size, spp):
 def _seeds(seed, blocks):
     """Independent seeds: of the sensor noise, then of each block of pixels."""
     return np.random.SeedSequence(seed).spawn(1 + blocks)
-
-
-def _in_threads(work, n, progress=None):
-    """(work(0), ..., work(n - 1)), one per core at a time."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        jobs = [pool.submit(work, i) for i in range(n)]
-        try:
-            for done, job in enumerate(as_completed(jobs), 1):
-                job.result()
-                if progress is not None:
-                    progress(done, n)
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
-    return tuple(job.result() for job in jobs)
