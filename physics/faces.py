@@ -31,7 +31,8 @@ NEAR_K = 3.0
 LANES = 64  # pixels worked on together
 MOST_ZERO, MOST_NUMBERS = 3, 1e7  # V_j, of a face that has tables; in those tables, about
 UNROLLED = 4  # coefficients in a pass of Clenshaw's rule, which is written for so many
-# a * b + c may be rounded once, and 1 / 0 is infinite: else pixels would not share instructions
+# a * b + c may be rounded once, and 1 / 0 is infinite: else pixels would not share instructions.
+# numba keeps callers in other files as compiled: who changes this file has to touch local.py
 _FUSED = numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")
 
 
