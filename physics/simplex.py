@@ -16,6 +16,7 @@ NATS = 1e-7  # it ends where the next step would lower J by less
 def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     """T (as tau) and V of one pixel and one material; returns J less its constant, tau, J''.
 
+    h, gram        (n + k,), (n + k, n + k) h and H of `reduced`;  half, K for one of tau
     weight, mean   quadratic on T: weight (T - mean)^2 / 2, with mean measured from mid_k
     v, free        V to start from, on the simplex, and which V_j are not held at zero
     J''            curvature in T with V eliminated, 1/K^2: 1 / sigma_T^2
