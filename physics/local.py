@@ -77,9 +77,7 @@ def solve_local(
     sigma = np.full(shape, model.prior_sigma_k, np.float32)
     row = np.zeros(shape, np.int16)
     lighting = np.empty((pixels, model.k), np.float32)
-    prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
-    of_t = model.terms, model.k, model.half_k, *prior
-    linear, square, tables = _prepared(model)
+    linear, square, tables, of_t = _prepared(model)
     is_sky = model.material == model.library.sky_index
     middle = len(model.sigma) // 2
     threads = threads or numba.get_num_threads()
@@ -94,8 +92,8 @@ def solve_local(
         )
         _solve_block(
             radiance / model.sigma[:, None], (start_k - model.mid_k) / model.half_k, linear, square,
-            model.gram, tables, *of_t, model.material, is_sky, model.mid_k, hopeless, energy[part],
-            temperature[part], sigma[part], row[part], lighting[part],
+            model.gram, tables, model.terms, model.k, *of_t, model.material, is_sky, model.mid_k,
+            hopeless, energy[part], temperature[part], sigma[part], row[part], lighting[part],
         )  # fmt: skip
 
     blocks = range(0, pixels, size)
@@ -107,11 +105,12 @@ _PREPARED = WeakKeyDictionary()  # tiles share a model
 
 
 def _prepared(model):
-    """ReducedModel.of_all and faces.Tables as a plain tuple, made once for a model."""
+    """ReducedModel.of_all, faces.Tables as a plain tuple, and half, weight and mean as for
+    `simplex.solve`; made once for a model."""
     if model not in _PREPARED:
-        prior = model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
-        tables = faces.tables(model.gram, model.terms, model.half_k, *prior)
-        _PREPARED[model] = *model.of_all(), tuple(tables)
+        of_t = model.half_k, model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
+        tables = faces.tables(model.gram, model.terms, *of_t)
+        _PREPARED[model] = *model.of_all(), tuple(tables), of_t
     return _PREPARED[model]
 
 
@@ -361,7 +360,7 @@ def _number(sets, held):
 @numba.njit(cache=True)
 def _by_face(face, faces):
     """(P,) the pixels of a face together, of face (P,) < faces."""
-    at = np.zeros(faces + 3, np.int64)
+    at = np.zeros(faces + 3, np.int64)  # _DONE and _NONE come first
     for f in face:
         at[f + 3] += 1
     for f in range(1, len(at)):

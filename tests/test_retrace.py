@@ -1,6 +1,7 @@
 """Paths kept and shaded again: with the same library exactly `simulate`, with another unbiased."""
 
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from physics import InputError, MaterialLibrary
 from physics.planck import radiance
 from physics.simulator import Camera, Scene, SceneObject, TracedScene, simulate, trace_scene
 from physics.simulator.sensor import FLOOR_K, Bands
+from physics.simulator.trace import Tracer
 from physics.sky import Atmosphere
 
 W, FWHM = np.array([8.5, 10.0, 12.5]), np.array([0.0, 0.2, 0.3])
@@ -154,3 +156,17 @@ def test_bad_input_is_one_sentence():
         trace_scene(scene(), (4, 6), 1, -1, FIRST)
     with pytest.raises(InputError, match="positive"):
         trace_scene(scene(), (4, 0), 1, 0, FIRST)
+
+
+def test_paths_are_traced_in_threads(monkeypatch):
+    """Every block in one, not in the caller's before they start."""
+    threads, paths = [], Tracer.paths
+
+    def seen(*args):
+        threads.append(threading.current_thread())
+        return paths(*args)
+
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(Tracer, "paths", seen)
+    trace_scene(scene(), SIZE, SPP, 3, FIRST)
+    assert threads and threading.main_thread() not in threads

@@ -35,7 +35,7 @@ def solve(cube, library, environment, smooth, report, lap):
     """
     model = reduce_model(cube, library, environment)
     threads = numba.get_num_threads()
-    solve_local(model, cube.pixels([0]))  # compiled here, where that can be interrupted
+    solve_local(model, cube.pixels([0]), threads=1)  # compiled here, where it can be interrupted
 
     def tile(part, _):
         spectra = part.reshape(cube.bands, -1).T

@@ -210,7 +210,8 @@ def trace_scene(scene, size, spp, seed, library):
     if not 0 <= seed < 2**64:
         raise InputError(f"simulate: the seed of a traced scene must be 0 to 2**64, got {seed}.")
     scene = trace_on_demand(scene, size, spp, seed, library)
-    blocks = in_threads(lambda block: block, scene.blocks, os.cpu_count())
+    every = range(len(scene.blocks))
+    blocks = in_threads(scene.blocks.__getitem__, every, os.cpu_count())
     return replace(scene, blocks=tuple(blocks))
 
 
