@@ -21,7 +21,7 @@ baselines   what people look at today: panchromatic, CLAHE, principal components
 metrics     the one module of metrics
 stretch     the one contrast stretch
 progress    a progress bar
-loading     Ctrl-C while packages load
+loading     packages load undisturbed
 cli         the command line; what its commands do is in commands and decompose_command
 """
 
