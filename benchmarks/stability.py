@@ -49,7 +49,7 @@ from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
 from physics.identifiability import cramer_rao
 from physics.library import MaterialLibrary
-from physics.planck import brightness_temperature, noise_sigma, radiance_derivative
+from physics.planck import brightness_temperature, noise_sigma, radiance, radiance_derivative
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.sensor import add_noise
@@ -106,6 +106,7 @@ class Case:
     library: MaterialLibrary
     k: int = K
     wrong_k: float = 0.0  # kelvin that the environment is off
+    said_k: float = 0.0  # of calibration error is stated
 
 
 OUTDOORS = View("random", BASE_SEED["test"] + 1), View("forest", 7)
@@ -242,6 +243,18 @@ def wrong_offset(view, library, kelvin):
     return Case(changed(cube, cube.radiance + off), truth, library)
 
 
+def stated_gain(view, library, percent):
+    """What a gain of 1 % is in kelvin at 300 K, the bands' mean, is stated."""
+    case = wrong_gain(view, library, percent)
+    w = case.cube.wavelength_um
+    per_percent = (radiance(w, 300.0) / radiance_derivative(w, 300.0)).mean() / 100
+    return replace(case, said_k=percent * float(per_percent))
+
+
+def stated_offset(view, library, kelvin):
+    return replace(wrong_offset(view, library, kelvin), said_k=kelvin)
+
+
 def dead_bands(view, library, n):
     """n bands show their mean alone."""
     cube, truth = shaded(view, library)
@@ -329,7 +342,9 @@ AXES = {
     "wrong environment": Axis("its error (K)", (0, 1, 3, 10, 30), wrong_environment),
     "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
     "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
+    "gain off, as stated": Axis("gain error (%)", (0, 0.3, 1, 3, 10), stated_gain),
     "offset": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), wrong_offset),
+    "offset, as stated": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), stated_offset),
     "dead bands": Axis("how many are dead", (0, 1, 2, 5, 10), dead_bands),
     "noisy bands": Axis("how many are noisy", (0, 1, 2, 5, 10), noisy_bands),
     "stripes": Axis("their sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
@@ -351,7 +366,7 @@ def answer(case, method, model):
         environment = replace(environment, radiance=s + case.wrong_k * slope)
     return decompose(
         case.cube, case.library, method=method, k=case.k, environment=environment,
-        model=model if method == "net+sgd" else None,
+        calibration_error_k=case.said_k, model=model if method == "net+sgd" else None,
     )  # fmt: skip
 
 

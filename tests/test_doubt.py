@@ -1,12 +1,25 @@
-"""The doubt that edges add to sigma of T."""
+"""The doubt that edges and the camera's calibration add to sigma of T."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+from traced import one_thread, traced  # noqa: F401
 
-from texnet.doubt import ROWS, SCATTER, SCATTER_OF_MATERIALS, sigma_among_neighbours
+from physics import HeatCube
+from physics.errors import InputError
+from physics.planck import brightness_temperature, noise_sigma, radiance
+from texnet.cli import main
+from texnet.cube_io import write_cube
+from texnet.doubt import (
+    ROWS,
+    SCATTER,
+    SCATTER_OF_MATERIALS,
+    sigma_among_neighbours,
+    with_calibration_error,
+)
+from texnet.pipeline import decompose
 
 
 @settings(deadline=None, max_examples=20)
@@ -37,3 +50,50 @@ def test_where_all_is_alike_nothing_is_added():
     assert sigma_among_neighbours(sigma, t, m) == pytest.approx(0.3)
     m[2] = 0  # another material as warm as the others
     assert sigma_among_neighbours(sigma, t, m) == pytest.approx(0.3)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(250, 350), st.floats(0.05, 1), st.floats(0, 1))
+def test_a_calibration_error_is_what_moves_t(t, e, share):
+    """An offset of what the surroundings radiate, too, moves T of any grey body by this sigma."""
+    w, light = np.linspace(8, 14, 30), radiance(np.linspace(8, 14, 30), t - 20)
+    off = noise_sigma(w, 1e-3)
+    seen, seen_light = e * radiance(w, t) + (1 - e) * light + off, light + off
+    moved = brightness_temperature(w, (seen - (1 - e) * seen_light) / e).mean() - t
+    own = 1e-3 * share
+    sigma = with_calibration_error(np.full((ROWS + 2, 3), own), np.full((ROWS + 2, 3), t), w, 1e-3)
+    assert sigma == pytest.approx(np.hypot(own, moved), rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["local", "net+sgd"])
+def test_sigma_holds_a_calibration_error_that_is_stated(method):
+    cube, truth = traced("forest", 54)
+    off = noise_sigma(cube.wavelength_um, 1.0)[:, None, None]
+    cube = HeatCube(cube.radiance + off, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    ground = np.array(truth.material_names)[truth.material] != "sky"
+    held = []
+    for stated in (0.0, 1.0):
+        d = decompose(cube, method=method, k=4, calibration_error_k=stated)
+        error = np.abs(d.temperature_k - truth.temperature_k)[ground]
+        held.append((error <= 2 * d.temperature_sigma_k[ground]).mean())
+    assert held[0] < 0.75 and held[1] > 0.95
+
+
+@pytest.mark.parametrize("wrong", [-1, float("nan"), 11])
+def test_a_calibration_error_that_is_none(wrong):
+    with pytest.raises(InputError, match="calibration_error_k must be 0-10 K"):
+        decompose(traced("forest", 54)[0], calibration_error_k=wrong)
+
+
+def test_the_command_takes_it(tmp_path, capsys):
+    write_cube(traced("forest", 54)[0], tmp_path / "cube.npz")
+    for error_k, name in (("0", "without"), ("2", "with")):
+        command = "decompose", str(tmp_path / "cube.npz"), "--method", "local", "--out"
+        assert main([*command, str(tmp_path / name), "--calibration-error", error_k]) == 0
+    sigma = [
+        np.load(tmp_path / name / "decomposition.npz")["temperature_sigma_k"]
+        for name in ("without", "with")
+    ]
+    assert (sigma[0] < sigma[1]).all() and 1.8 < sigma[1].min() < 2.5
+    assert main([*command, str(tmp_path / "no"), "--calibration-error", "-1"]) == 2
+    assert "need 0 to 10 K" in capsys.readouterr().err

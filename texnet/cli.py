@@ -109,8 +109,9 @@ def _parser():
     p = add(of_texnet, "demo", demo, "decompose the packaged night scene and draw the pictures")
     p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
     p.set_defaults(
-        library=None, method=None, k=K, model=None, compare=False, budget=None, device="cpu"
-    )
+        library=None, method=None, k=K, model=None, compare=False, budget=None, device="cpu",
+        calibration_error=0.0,
+    )  # fmt: skip
 
     text = "turn a cube of others, or a part of it, into one for decompose"
     p = add(of_texnet, "import", commands.import_, text)
@@ -192,6 +193,11 @@ def _parser():
         help=".onnx, or .safetensors from train or finetune; default: the one shipped",
     )  # fmt: skip
     add_device(p)
+    p.add_argument(
+        "--calibration-error", metavar="K", type=_netd, default=0.0,
+        help="by which all radiance may be off together, as the camera's maker states it, K at "
+        "300 K; sigma of T then holds it; default: 0",
+    )  # fmt: skip
     p.add_argument(
         "--k", metavar="N", type=_count, default=K,
         help="objects that stand for the environment, 1-10, or auto: as many as the scene "

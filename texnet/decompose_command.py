@@ -64,7 +64,10 @@ def decompose(args):
 
             method, k, foreseen = choose(cube, library, k, budget, runner, report)
             run = runner(method)
-        d = decompose(cube, library, method=method, k=k, model=run, progress=report)
+        d = decompose(
+            cube, library, method=method, k=k, calibration_error_k=args.calibration_error,
+            model=run, progress=report,
+        )  # fmt: skip
     del run, runner  # and the memory that it keeps for the next tile
     if d.left_out:
         cube = cube.only(np.isin(cube.wavelength_um, d.wavelength_um))
@@ -91,6 +94,7 @@ def _of_answer(d, cube):
         "bands": cube.bands, "size": cube.shape,
         "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
+        "spectral_shift_um": d.spectral_shift_um,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": "sky" in d.material_names,
         # no object stands for it where there is one alone
@@ -155,6 +159,14 @@ def _runner(method, model, device):
         return Runtime(path).run
 
 
+def _of_shift(um):
+    if um:
+        yield (
+            f"Wavelengths  {abs(um):.2f} um {'less' if um > 0 else 'more'} than stated, by where "
+            "the sky shows its ozone"
+        )
+
+
 def _summary(r):
     own, said = r["netd_k"], r["netd_stated_k"]
     source = "as stated" if own == said else "estimated"
@@ -166,6 +178,7 @@ def _summary(r):
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
         f"NETD {1e3 * own:.0f} mK ({source})",
         *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
+        *_of_shift(r["spectral_shift_um"]),
         f"Objects      k = {r['k']}" + (", chosen" if r["k_chosen"] else ""),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),

@@ -8,6 +8,7 @@ unknown or have a sigma that covers the error, and few others are unknown.
 import numpy as np
 
 from physics import scratch
+from physics.planck import noise_sigma, radiance_derivative
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # of the answer, below which it is unknown. The network's own probabilities are too low rather than
@@ -27,6 +28,7 @@ RIM_NATS = 10.0  # evidence for pure sky below which something may stand before 
 # where the neighbours are of other materials
 SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
 ROWS = 256  # at once
+GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
 
 
 def sigma_among_neighbours(sigma, temperature, material):
@@ -44,6 +46,19 @@ def sigma_among_neighbours(sigma, temperature, material):
         edge = _over_nine(np.maximum, m) != _over_nine(np.minimum, m)
         share = SCATTER**2 + edge * SCATTER_OF_MATERIALS**2
         out[top:bottom] = np.sqrt(sigma[top:bottom] ** 2 + share * variance)
+    return out
+
+
+def with_calibration_error(sigma, temperature, wavelength_um, error_k):
+    """sigma (height, width) K of a map of T, K, where all radiance may be off by error_k, which is
+    K at 300 K as NETD is. Light that is reflected was measured by the same camera, so that this
+    moves T by as much whatever the emissivity."""
+    t = np.arange(max(temperature.min(), 1.0), temperature.max() + GRID_K, GRID_K)
+    moved = noise_sigma(wavelength_um, error_k) / radiance_derivative(wavelength_um, t[:, None])
+    moved, out = moved.mean(axis=1), scratch.empty(sigma.shape, np.float32)
+    for top in range(0, len(sigma), ROWS):
+        part = slice(top, top + ROWS)
+        out[part] = np.hypot(sigma[part], np.interp(temperature[part], t, moved))
     return out
 
 

@@ -1,7 +1,8 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-Bad bands are left out, and the noise is what the cube shows, if more than stated. Then comes the
-environment from the cube and a glance from afar at what materials there are, and then
+Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
+are those that the sky's ozone shows, if others than stated. Then comes the environment from the
+cube and a glance from afar at what materials there are, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -9,7 +10,7 @@ local, sgd     exact local solution of every pixel and material -> semi-global r
 """
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -18,12 +19,15 @@ from physics.bad_bands import without_bad_bands
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
-from physics.heat_cube import HeatCube
+from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
+from physics.prior import MIN_TEMPERATURE_SPREAD_K
+from physics.saturation import saturated
+from physics.spectral_shift import spectral_shift
 
 from . import glance
-from .doubt import sigma_among_neighbours
+from .doubt import sigma_among_neighbours, with_calibration_error
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
@@ -48,9 +52,10 @@ class Decomposition:
     temperature_sigma_k   one standard deviation of T, K, doubt about m and at edges included
     material_probability  (materials, height, width); zero what `glance` did not see
     unknown               True where the answer should not be trusted: nothing in the library
-                          fits, no material is likely enough (`doubt`), or only the neighbours
-                          speak for the one given
-    wavelength_um         (bands,) um, of the bands that were used
+                          fits, no material is likely enough (`doubt`), only the neighbours
+                          speak for the one given, or the pixel is saturated
+    wavelength_um         (bands,) um, as stated, of the bands that were used
+    spectral_shift_um     um by which they were taken to be less than stated
     left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
     netd_k                the noise that was assumed, K
@@ -73,6 +78,7 @@ class Decomposition:
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
+    spectral_shift_um: float = 0.0
     left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
     seconds: dict = field(default_factory=dict)
@@ -86,6 +92,7 @@ def decompose(
     k: int | str = 5,
     environment: Environment | None = None,
     seed: int = 0,
+    calibration_error_k: float = 0.0,
     model=None,
     progress=None,
 ) -> Decomposition:
@@ -98,11 +105,14 @@ def decompose(
                  "auto": as many as the scene supports (`physics.support`)
     environment  take this one instead, at the cube's bands
     seed         of the K-means
+    calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
+                 together: the cube cannot show it, so that temperature_sigma_k holds it if stated
     model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
                  export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
-    Raises InputError where the library does not cover the bands, or method, k or seed are wrong.
+    Raises InputError where the library does not cover the bands, or method, k, seed or
+    calibration_error_k are wrong.
     """
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
@@ -110,6 +120,10 @@ def decompose(
         raise InputError(f"decompose: k must be a whole number 1..{MAX_K} or auto, got {k!r}.")
     if not _whole(seed, 0, MAX_SEED):
         raise InputError(f"decompose: seed must be a whole number 0..{MAX_SEED}, got {seed!r}.")
+    if not 0 <= calibration_error_k <= MAX_NETD_K:
+        raise InputError(
+            f"decompose: calibration_error_k must be 0-{MAX_NETD_K:g} K, got {calibration_error_k}."
+        )
     library = library or MaterialLibrary.starter()
     seconds, clock = {}, time.perf_counter()
 
@@ -123,9 +137,15 @@ def decompose(
     whole = cube.wavelength_um
     cube, left_out = without_bad_bands(cube)
     cube = cube.with_netd()
-    if environment is not None and left_out:
+    if environment is not None:
         environment.check_bands(whole)
         environment = environment.only(np.isin(whole, cube.wavelength_um))
+    stated = cube.wavelength_um
+    shift = spectral_shift(cube, library)
+    if shift:
+        cube = HeatCube(cube.radiance, stated - shift, cube.fwhm_um, cube.netd_k)
+        if environment is not None:
+            environment = replace(environment, wavelength_um=environment.wavelength_um - shift)
     lap("bands")
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
@@ -163,11 +183,21 @@ def decompose(
     maps["temperature_sigma_k"] = sigma_among_neighbours(
         maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
     )
+    if calibration_error_k:
+        maps["temperature_sigma_k"] = with_calibration_error(
+            maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um,
+            calibration_error_k,
+        )  # fmt: skip
+    beyond = saturated(cube)
+    maps["unknown"] |= beyond
+    # all that is known of such a T beforehand
+    maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
-        wavelength_um=cube.wavelength_um, hue_deg=library.hue_deg, netd_k=cube.netd_k,
-        left_out=left_out, objective=maps.get("objective", ()), seconds=seconds,
+        wavelength_um=stated, hue_deg=library.hue_deg, netd_k=cube.netd_k,
+        spectral_shift_um=shift, left_out=left_out, objective=maps.get("objective", ()),
+        seconds=seconds,
     )  # fmt: skip
 
 

@@ -1,0 +1,61 @@
+"""Saturated pixels are found, said to be unknown, and no other pixel is."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from traced import one_thread, traced  # noqa: F401
+
+from physics import HeatCube
+from physics.planck import noise_sigma, radiance
+from physics.saturation import saturated
+from texnet.pipeline import decompose
+
+
+def clipped(cube, share, bands=slice(None)):
+    """A cube whose bands show no more than what so large a share of the pixels exceeds."""
+    s = cube.radiance.copy()
+    most = np.quantile(s[bands], 1 - share, axis=(1, 2), keepdims=True).astype(np.float32)
+    beyond = (s[bands] >= most).any(axis=0)
+    s[bands] = np.minimum(s[bands], most)
+    return HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k), beyond
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.6])
+@pytest.mark.parametrize("bands", [slice(None), slice(20, 23)])
+def test_they_and_no_other_are_found(share, bands):
+    cube = traced("forest", 54)[0]
+    assert not saturated(cube).any()
+    spoilt, beyond = clipped(cube, share, bands)
+    np.testing.assert_array_equal(saturated(spoilt), beyond)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 999), st.integers(8, 16), st.floats(0.02, 3.0))
+def test_a_camera_of_few_digits_is_not_saturated(seed, bits, spread_k):
+    """Whose values repeat, the brightest among them, but do not pile up at the top."""
+    w = np.linspace(8, 14, 5)
+    rng = np.random.default_rng(seed)
+    t = 290 + spread_k * rng.standard_normal((60, 80))
+    s = radiance(w[:, None, None], t)
+    s = s + rng.standard_normal(s.shape) * noise_sigma(w, 0.05)[:, None, None]
+    step = 20 / 2**bits
+    assert not saturated(HeatCube(np.round(s / step) * step, w, np.zeros(5), 0.05)).any()
+
+
+def test_two_plates_without_noise_are_not_saturated():
+    w = np.linspace(8, 14, 5)
+    t = np.full((40, 50), 300.0)
+    t[:5] = 280.0
+    assert not saturated(HeatCube(radiance(w[:, None, None], t), w, np.zeros(5), 0.05)).any()
+
+
+@pytest.mark.parametrize("method", ["local", "net+sgd"])
+def test_their_temperature_is_called_unknown(method):
+    cube = traced("forest", 54)[0]
+    spoilt, beyond = clipped(cube, 0.1)
+    d = decompose(spoilt, method=method, k=3)
+    assert d.unknown[beyond].all()
+    assert d.temperature_sigma_k[beyond].min() > 15
+    assert d.unknown[~beyond].mean() < 0.5
+    assert np.median(d.temperature_sigma_k[~beyond]) < 2

@@ -1,0 +1,144 @@
+"""Wavelengths stated wrongly are found by the sky's ozone, and right ones are left alone."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from traced import averaged, one_thread, traced  # noqa: F401
+
+from physics import HeatCube, MaterialLibrary
+from physics.bands import equidistant_bands, quadrature
+from physics.estimate import estimate_environment
+from physics.planck import noise_sigma, radiance
+from physics.sky import Atmosphere, sky_radiance
+from physics.spectral_shift import spectral_shift
+from texnet.cli import main
+from texnet.cube_io import write_cube
+from texnet.pipeline import decompose
+
+LIBRARY = MaterialLibrary.starter()
+STEP_UM, LEAST_UM = 0.01, 0.03
+BANDS = equidistant_bands(54)
+
+
+def stated(cube, too_long):
+    return HeatCube(cube.radiance, cube.wavelength_um + too_long, cube.fwhm_um, cube.netd_k)
+
+
+def uniform(spectrum, wavelength_um, fwhm_um, netd_k=0.05, seed=0):
+    """A picture of one spectrum (bands,), with noise."""
+    noise = np.random.default_rng(seed).normal(size=(len(spectrum), 30, 40))
+    s = spectrum[:, None, None] + noise * noise_sigma(wavelength_um, netd_k)[:, None, None]
+    return HeatCube(np.maximum(s, 1e-3), wavelength_um, fwhm_um, netd_k)
+
+
+def sky(atmosphere, cos_zenith, wavelength_um, fwhm_um):
+    nodes = quadrature(wavelength_um, fwhm_um)
+    s = sky_radiance(nodes.ravel(), np.array([cos_zenith]), atmosphere)[0]
+    return s.reshape(nodes.shape).mean(axis=1)
+
+
+def bell_curve():
+    """The library with a sky that has the ozone's place and nothing else of it."""
+    w, e = LIBRARY.wavelength_um, LIBRARY.emissivity.copy()
+    ozone = np.exp(-0.5 * ((w - 9.6) / 0.15) ** 2)
+    flanks = 1 / (1 + np.exp((w - 13.4) / 0.2)) / (1 + np.exp((8.1 - w) / 0.15))
+    e[LIBRARY.sky_index] = 1 - 0.8 * (1 - 0.5 * ozone) * flanks
+    return replace(LIBRARY, emissivity=e)
+
+
+@pytest.mark.parametrize("name", ["forest", "street"])
+@pytest.mark.parametrize("too_long", [-0.4, -0.11, 0.05, 0.23, 0.34])
+@pytest.mark.parametrize("library", [LIBRARY, bell_curve()], ids=["its own sky", "a bell curve"])
+def test_of_a_traced_scene(name, too_long, library):
+    cube = traced(name, 54)[0]
+    assert spectral_shift(cube, library) == 0
+    assert abs(spectral_shift(stated(cube, too_long), library) - too_long) < 0.025
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(250, 310), st.floats(0.2, 4), st.floats(200, 450), st.floats(0.02, 1),
+    st.floats(-0.4, 0.4), st.sampled_from([30, 36, 54, 100]),
+)  # fmt: skip
+def test_of_any_clear_sky(air_k, water_cm, ozone_du, cos_zenith, too_long, bands):
+    """Right to two steps, or 0 where less than LEAST_UM is wrong or the sky is too opaque."""
+    w, fwhm = equidistant_bands(bands)
+    of = Atmosphere(air_k, water_cm * np.exp((air_k - 290) / 15), ozone_du)
+    cube = uniform(sky(of, cos_zenith, w, fwhm), w, fwhm)
+    found = spectral_shift(stated(cube, too_long), LIBRARY)
+    assert found == 0 or abs(found - too_long) < 2.5 * STEP_UM
+    if air_k < 290 and cos_zenith > 0.2:
+        assert found != 0 or abs(too_long) < max(LEAST_UM, 6 / bands / 4) + 2.5 * STEP_UM
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, len(LIBRARY) - 1), st.floats(260, 320), st.floats(-20, 40),
+    st.sampled_from([None, 1.0, 0.3, 0.05]), st.integers(0, 9),
+)  # fmt: skip
+def test_no_material_passes_for_a_shifted_sky(m, air_k, warmer, cos_zenith, seed):
+    """Under a sky, or under a roof (None); with curves that are sharper than any ozone, too."""
+    w, fwhm = BANDS
+    nodes = quadrature(w, fwhm)
+    e = LIBRARY.at(nodes.ravel())[m].reshape(nodes.shape).mean(axis=1)
+    if m == LIBRARY.sky_index:
+        return
+    light = radiance(w, air_k - 3)
+    if cos_zenith is not None:
+        light = sky(Atmosphere(air_k), cos_zenith, w, fwhm)
+    s = e * radiance(w, air_k + warmer) + (1 - e) * light
+    assert spectral_shift(uniform(s, w, fwhm, seed=seed), LIBRARY) == 0
+
+
+def test_where_nothing_can_be_said():
+    cube = stated(traced("forest", 54)[0], 0.25)
+    assert spectral_shift(cube, LIBRARY) != 0
+    names = [n for n in LIBRARY.names if n != "sky"]
+    assert spectral_shift(cube, LIBRARY.subset(names)) == 0  # nothing to compare with
+    assert spectral_shift(cube.only(cube.wavelength_um > 10), LIBRARY) == 0  # no ozone
+    assert spectral_shift(averaged(cube, 18), LIBRARY) == 0  # bands too wide
+    room = stated(traced("room", 54)[0], 0.25)
+    assert spectral_shift(room, LIBRARY) == 0  # no sky
+
+
+def test_stays_where_the_library_is():
+    """A library that reaches as far as the bands as stated, and no farther on one side."""
+    cube = stated(traced("forest", 54)[0], 0.25)
+    w, inside = LIBRARY.wavelength_um, LIBRARY.wavelength_um >= 8.2
+    narrow = replace(LIBRARY, wavelength_um=w[inside], emissivity=LIBRARY.emissivity[:, inside])
+    found = spectral_shift(cube, narrow)
+    assert cube.wavelength_um[0] - cube.fwhm_um[0] / 2 - found >= 8.2 - 1e-9
+
+
+def test_the_answer_is_that_of_right_wavelengths():
+    cube = traced("forest", 54)[0]
+    right = decompose(cube, method="local", k=3)
+    wrong = stated(cube, 0.23)
+    answer = decompose(wrong, method="local", k=3)
+    assert right.spectral_shift_um == 0
+    assert answer.spectral_shift_um == pytest.approx(0.23, abs=0.02)
+    np.testing.assert_array_equal(answer.wavelength_um, wrong.wavelength_um)
+    off = np.abs(answer.temperature_k - right.temperature_k)
+    assert np.median(off) < 0.05
+    assert (answer.material == right.material).mean() > 0.9
+    # an environment as measured by the same camera moves along
+    environment = estimate_environment(cube, LIBRARY, 3)
+    environment = replace(environment, wavelength_um=wrong.wavelength_um)
+    given = decompose(wrong, method="local", environment=environment)
+    assert np.median(np.abs(given.temperature_k - right.temperature_k)) < 0.05
+
+
+def test_the_command_says_so(tmp_path, capsys):
+    cube = tmp_path / "cube.npz"
+    write_cube(stated(traced("forest", 54)[0], -0.23), cube)
+    out = ["--out", str(tmp_path / "a"), "--json"]
+    assert main(["decompose", str(cube), "--method", "local", *out]) == 0
+    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    assert "0.23 um more than stated" in text or "0.22 um more than stated" in text
+    assert json.loads(result)["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)
+    with np.load(tmp_path / "a" / "decomposition.npz") as npz:
+        assert npz["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)
