@@ -106,7 +106,7 @@ class Case:
     library: MaterialLibrary
     k: int = K
     wrong_k: float = 0.0  # kelvin that the environment is off
-    said_k: float = 0.0  # of calibration error is stated
+    said_k: float = 0.0  # kelvin of calibration error that are stated
 
 
 OUTDOORS = View("random", BASE_SEED["test"] + 1), View("forest", 7)
@@ -244,7 +244,7 @@ def wrong_offset(view, library, kelvin):
 
 
 def stated_gain(view, library, percent):
-    """What a gain of 1 % is in kelvin at 300 K, the bands' mean, is stated."""
+    """The gain's error is stated, in kelvin at 300 K (mean over the bands)."""
     case = wrong_gain(view, library, percent)
     w = case.cube.wavelength_um
     per_percent = (radiance(w, 300.0) / radiance_derivative(w, 300.0)).mean() / 100
@@ -402,9 +402,8 @@ def amplification(case, d, other):
     used = np.isin(case.cube.wavelength_um, d.wavelength_um)
     e = case.truth.emissivity[used][:, ground].T.astype(np.float64)
     t = case.truth.temperature_k[ground].astype(np.float64)
-    sigma = cramer_rao(
-        d.wavelength_um, noise_sigma(d.wavelength_um, d.netd_k), e, d.environment, t
-    )
+    w = d.wavelength_um - d.spectral_shift_um
+    sigma = cramer_rao(w, noise_sigma(w, d.netd_k), e, d.environment, t)
     moved = np.abs(d.temperature_k - other.temperature_k)[ground]
     ratio = moved / (np.sqrt(2) * 0.6745 * sigma)
     return float(np.median(ratio[np.isfinite(sigma)])) if np.isfinite(sigma).any() else np.nan

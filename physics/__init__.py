@@ -10,6 +10,8 @@ eq1          Eq. 1: the differentiable renderer and the physics loss
 contrast     Eq. 7: what the contrast of a thermal image is made of
 heat_cube    HeatCube
 bad_bands    which of its bands are dead or hot, and how noisy the others are
+spectral_shift  by how much its wavelengths are off, by the sky's ozone
+saturation   which of its pixels are brighter than it can show
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
 sky          the spectrum of a clear sky
 overhead     the sky overhead, from the sky in view

@@ -39,6 +39,7 @@ from .library import SKY, MaterialLibrary
 from .local import solve_given, solve_local
 from .planck import brightness_temperature, noise_sigma, radiance
 from .reduced import reduce_model
+from .spectral_shift import registered
 
 MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials
@@ -67,6 +68,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     Raises InputError where the cube has fewer than 20 bands, no sky, or too little beside it.
     """
     cube, left_out = without_bad_bands(cube)
+    starter = MaterialLibrary.starter().subset([SKY])
+    cube, shift = registered(cube, starter)
     if cube.bands < MIN_BANDS:
         raise InputError(
             f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
@@ -75,7 +78,6 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     own_k = cube.with_netd().netd_k
     netd_k = max(own_k, MIN_NETD_K)
     cube = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
-    starter = MaterialLibrary.starter().subset([SKY])
     pixels = cube.shape[0] * cube.shape[1]
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
@@ -105,6 +107,9 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     if left_out:
         bands = ", ".join(f"{w:.4g} um ({why})" for w, why in left_out.items())
         note += f" Bands left out: {bands}."
+    if shift:
+        than = "less" if shift > 0 else "more"
+        note += f" Wavelengths {abs(shift):.2f} um {than} than stated, by the sky's ozone."
     return library, note
 
 

@@ -7,10 +7,13 @@ evidence, summed over all materials,
 
 has in it what the pixel had to tune of V (Occam, see `reduced`) and how far true surroundings
 scatter about k objects (`Environment.spread`), so it rises again where more objects only fit
-better. Where the sky is in view the search begins with two objects, since one leaves it out. Of
-all k the smallest is taken that is worse than the best by less than one standard
-error of their difference (Breiman et al. 1984). After PATIENCE values of k that are worse than
-the best the search ends.
+better. Of all k the smallest is taken that is worse than the best by less than one standard error
+of their difference (Breiman et al. 1984). After PATIENCE values of k that are worse than the best
+the search ends.
+
+Where the sky is in view the search begins with UNDER_SKY objects, two for the sky and two for what
+else there is. The evidence would now and then take fewer: on 24 scenes of no test T of `net+sgd`
+was then off by a fifth more in the mean at 54 bands, and by half as much again at 9.
 """
 
 import numpy as np
@@ -20,6 +23,7 @@ from .local import solve_local
 from .reduced import reduce_model
 
 SAMPLES, MOST, PATIENCE = 600, 10, 2
+UNDER_SKY = 4
 
 
 def supported_count(cube, library, seed=0):
@@ -30,7 +34,7 @@ def supported_count(cube, library, seed=0):
     found = {}
     for k in range(1, min(MOST, pixels) + 1):
         environment = estimate_environment(cube, library, k, seed=seed)
-        if k == 1 < pixels and environment.sky_mean is not None:
+        if k < min(UNDER_SKY, pixels) and environment.sky_mean is not None:
             continue
         found[k] = free_energy(cube, library, environment, spectra)
         best = min(found, key=lambda k: found[k].mean())

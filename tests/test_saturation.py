@@ -30,8 +30,19 @@ def test_they_and_no_other_are_found(share, bands):
     np.testing.assert_array_equal(saturated(spoilt), beyond)
 
 
+def test_a_small_hot_target_is_found():
+    cube = traced("forest", 54)[0]
+    s = cube.radiance.copy()
+    rng = np.random.default_rng(0)
+    s[:, 30:34, 30:33] = radiance(cube.wavelength_um[:, None, None], rng.uniform(500, 600, (4, 3)))
+    most = radiance(cube.wavelength_um, 340.0)[:, None, None]
+    spoilt = HeatCube(np.minimum(s, most), cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    found = saturated(spoilt)
+    assert found[30:34, 30:33].all() and found.sum() == 12
+
+
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 999), st.integers(8, 16), st.floats(0.02, 3.0))
+@given(st.integers(0, 999), st.integers(8, 16), st.floats(0.02, 20.0))
 def test_a_camera_of_few_digits_is_not_saturated(seed, bits, spread_k):
     """Whose values repeat, the brightest among them, but do not pile up at the top."""
     w = np.linspace(8, 14, 5)
@@ -43,7 +54,8 @@ def test_a_camera_of_few_digits_is_not_saturated(seed, bits, spread_k):
     assert not saturated(HeatCube(np.round(s / step) * step, w, np.zeros(5), 0.05)).any()
 
 
-def test_two_plates_without_noise_are_not_saturated():
+def test_what_has_few_values_is_not_saturated():
+    """Two plates without noise: no camera's picture."""
     w = np.linspace(8, 14, 5)
     t = np.full((40, 50), 300.0)
     t[:5] = 280.0

@@ -9,18 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import averaged, one_thread, traced  # noqa: F401
 
-from physics import HeatCube, MaterialLibrary
+from physics import HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
+from physics.blind import library_from_cube
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
 from physics.sky import Atmosphere, sky_radiance
-from physics.spectral_shift import spectral_shift
+from physics.spectral_shift import registered, spectral_shift
+from texnet.budget import choose
 from texnet.cli import main
 from texnet.cube_io import write_cube
-from texnet.pipeline import decompose
+from texnet.pipeline import METHODS, decompose
 
 LIBRARY = MaterialLibrary.starter()
-STEP_UM, LEAST_UM = 0.01, 0.03
+LEAST_UM, NEAR_UM = 0.03, 0.025
 BANDS = equidistant_bands(54)
 
 
@@ -56,38 +58,46 @@ def bell_curve():
 def test_of_a_traced_scene(name, too_long, library):
     cube = traced(name, 54)[0]
     assert spectral_shift(cube, library) == 0
-    assert abs(spectral_shift(stated(cube, too_long), library) - too_long) < 0.025
+    found = spectral_shift(stated(cube, too_long), library)
+    little = abs(too_long) < 0.1 and library is not LIBRARY  # half a band, and another sky
+    assert abs(found - too_long) < 0.025 or little and found == 0
 
 
 @settings(max_examples=40, deadline=None)
 @given(
     st.floats(250, 310), st.floats(0.2, 4), st.floats(200, 450), st.floats(0.02, 1),
-    st.floats(-0.4, 0.4), st.sampled_from([30, 36, 54, 100]),
+    st.floats(-0.4, 0.4), st.sampled_from([44, 54, 100]),
 )  # fmt: skip
 def test_of_any_clear_sky(air_k, water_cm, ozone_du, cos_zenith, too_long, bands):
-    """Right to two steps, or 0 where less than LEAST_UM is wrong or the sky is too opaque."""
+    """Right to a third of a band, or 0 where less than LEAST_UM is wrong or the sky is opaque."""
     w, fwhm = equidistant_bands(bands)
-    of = Atmosphere(air_k, water_cm * np.exp((air_k - 290) / 15), ozone_du)
+    of = Atmosphere(air_k, min(8.0, water_cm * np.exp((air_k - 290) / 15)), ozone_du)
     cube = uniform(sky(of, cos_zenith, w, fwhm), w, fwhm)
     found = spectral_shift(stated(cube, too_long), LIBRARY)
-    assert found == 0 or abs(found - too_long) < 2.5 * STEP_UM
+    near = max(NEAR_UM, 0.33 * 6 / bands)
+    assert found == 0 or abs(found - too_long) < near
     if air_k < 290 and cos_zenith > 0.2:
-        assert found != 0 or abs(too_long) < max(LEAST_UM, 6 / bands / 4) + 2.5 * STEP_UM
+        assert found != 0 or abs(too_long) < max(LEAST_UM, 6 / bands / 4) + near
+
+
+@pytest.mark.parametrize("too_long", [-0.7, -0.5, 0.5, 0.7])
+def test_what_is_farther_off_than_is_looked_for_is_not_given_as_less(too_long):
+    assert spectral_shift(stated(traced("forest", 54)[0], too_long), LIBRARY) == 0
 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.integers(0, len(LIBRARY) - 1), st.floats(260, 320), st.floats(-20, 40),
-    st.sampled_from([None, 1.0, 0.3, 0.05]), st.integers(0, 9),
+    st.integers(0, len(LIBRARY) - 1), st.floats(260, 320), st.floats(-20, 40) | st.floats(100, 600),
+    st.sampled_from([None, 1.0, 0.3, 0.05]), st.floats(-3, 30), st.integers(0, 9),
 )  # fmt: skip
-def test_no_material_passes_for_a_shifted_sky(m, air_k, warmer, cos_zenith, seed):
-    """Under a sky, or under a roof (None); with curves that are sharper than any ozone, too."""
+def test_no_material_passes_for_a_shifted_sky(m, air_k, warmer, cos_zenith, roof, seed):
+    """Under a sky, or a roof (None) some kelvin warmer than the air; and where it glows."""
     w, fwhm = BANDS
     nodes = quadrature(w, fwhm)
     e = LIBRARY.at(nodes.ravel())[m].reshape(nodes.shape).mean(axis=1)
     if m == LIBRARY.sky_index:
         return
-    light = radiance(w, air_k - 3)
+    light = radiance(w, air_k + roof)
     if cos_zenith is not None:
         light = sky(Atmosphere(air_k), cos_zenith, w, fwhm)
     s = e * radiance(w, air_k + warmer) + (1 - e) * light
@@ -105,13 +115,55 @@ def test_where_nothing_can_be_said():
     assert spectral_shift(room, LIBRARY) == 0  # no sky
 
 
-def test_stays_where_the_library_is():
-    """A library that reaches as far as the bands as stated, and no farther on one side."""
-    cube = stated(traced("forest", 54)[0], 0.25)
-    w, inside = LIBRARY.wavelength_um, LIBRARY.wavelength_um >= 8.2
+def test_a_library_that_does_not_reach():
+    """There, the cube stays as it is stated; and one that is right is not moved to fit."""
+    cube = traced("forest", 54)[0]
+    w, inside = LIBRARY.wavelength_um, LIBRARY.wavelength_um >= 8.1
     narrow = replace(LIBRARY, wavelength_um=w[inside], emissivity=LIBRARY.emissivity[:, inside])
-    found = spectral_shift(cube, narrow)
-    assert cube.wavelength_um[0] - cube.fwhm_um[0] / 2 - found >= 8.2 - 1e-9
+    wrong = stated(cube, 0.25)
+    assert registered(wrong, narrow) == (wrong, 0)
+    assert registered(wrong, LIBRARY)[1] != 0
+    with pytest.raises(InputError, match="8.1-14.5 um but the bands need 8.056-13.94"):
+        decompose(cube, narrow, method="local")
+
+
+def test_dead_bands_beside_it():
+    cube = stated(traced("forest", 54)[0], 0.25)
+    s = cube.radiance.copy()
+    s[[20, 21, 40]] = s[[20, 21, 40]].mean(axis=(1, 2), keepdims=True)
+    cube = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    d = decompose(cube, method="local", k=3)
+    assert len(d.left_out) == 3 and d.spectral_shift_um == pytest.approx(0.25, abs=0.02)
+
+
+def test_a_few_pixels_that_flare_up_do_not_matter():
+    cube = stated(traced("forest", 54)[0], 0.25)
+    s = cube.radiance.copy()
+    s[np.arange(5) + 15, np.arange(5) * 9, 30] = radiance(9.0, 3000.0)
+    cube = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    assert spectral_shift(cube, LIBRARY) == pytest.approx(0.25, abs=0.02)
+
+
+def test_a_library_from_the_cube_is_at_right_wavelengths():
+    cube = traced("forest", 54)[0]
+    right, wrong = library_from_cube(cube)[0], library_from_cube(stated(cube, 0.23))
+    assert "0.2" in wrong[1] and "um less than stated" in wrong[1]
+    ozone = [
+        lib.wavelength_um[8:24][lib.emissivity[lib.index("sky"), 8:24].argmax()]
+        for lib in (right, wrong[0])
+    ]
+    assert ozone[0] == pytest.approx(ozone[1], abs=0.06)
+
+
+def test_a_budget_sees_the_same_wavelengths():
+    cube = stated(traced("forest", 54)[0], 0.3)
+    inside = LIBRARY.wavelength_um <= 14.2
+    narrow = replace(
+        LIBRARY, wavelength_um=LIBRARY.wavelength_um[inside],
+        emissivity=LIBRARY.emissivity[:, inside],
+    )  # fmt: skip
+    method, k, _ = choose(cube, narrow, 4, 1e9, lambda _: None)
+    assert method in METHODS and k == 4
 
 
 def test_the_answer_is_that_of_right_wavelengths():

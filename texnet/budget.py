@@ -15,6 +15,7 @@ from physics.bad_bands import without_bad_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
+from physics.spectral_shift import registered
 
 from .pipeline import decompose
 
@@ -36,7 +37,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     Raises InputError with what the fastest takes if none fits.
     """
     start = time.perf_counter()
-    cube = without_bad_bands(cube)[0].with_netd()
+    cube = registered(without_bad_bands(cube)[0].with_netd(), library)[0]
     if k == "auto":
         from physics.support import supported_count  # numba takes a second to load
 

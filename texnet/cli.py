@@ -195,8 +195,8 @@ def _parser():
     add_device(p)
     p.add_argument(
         "--calibration-error", metavar="K", type=_netd, default=0.0,
-        help="by which all radiance may be off together, as the camera's maker states it, K at "
-        "300 K; sigma of T then holds it; default: 0",
+        help="by which all radiance may be off together, in offset or gain, as the camera's maker "
+        "states it, K at 300 K; sigma of T then holds it; default: 0",
     )  # fmt: skip
     p.add_argument(
         "--k", metavar="N", type=_count, default=K,

@@ -94,7 +94,7 @@ def _of_answer(d, cube):
         "bands": cube.bands, "size": cube.shape,
         "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
-        "spectral_shift_um": d.spectral_shift_um,
+        "spectral_shift_um": d.spectral_shift_um, "calibration_error_k": d.calibration_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": "sky" in d.material_names,
         # no object stands for it where there is one alone

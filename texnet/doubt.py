@@ -8,7 +8,7 @@ unknown or have a sigma that covers the error, and few others are unknown.
 import numpy as np
 
 from physics import scratch
-from physics.planck import noise_sigma, radiance_derivative
+from physics.planck import noise_sigma, radiance, radiance_derivative
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # of the answer, below which it is unknown. The network's own probabilities are too low rather than
@@ -50,12 +50,15 @@ def sigma_among_neighbours(sigma, temperature, material):
 
 
 def with_calibration_error(sigma, temperature, wavelength_um, error_k):
-    """sigma (height, width) K of a map of T, K, where all radiance may be off by error_k, which is
-    K at 300 K as NETD is. Light that is reflected was measured by the same camera, so that this
-    moves T by as much whatever the emissivity."""
-    t = np.arange(max(temperature.min(), 1.0), temperature.max() + GRID_K, GRID_K)
-    moved = noise_sigma(wavelength_um, error_k) / radiance_derivative(wavelength_um, t[:, None])
-    moved, out = moved.mean(axis=1), scratch.empty(sigma.shape, np.float32)
+    """sigma (height, width) K of a map of T, K, where all radiance may be off by error_k, K at
+    300 K, be that an offset or a gain: what moves T more, which below 300 K is an offset. Light
+    that is reflected was measured by the same camera: T moves as much whatever the emissivity.
+    """
+    t = np.arange(max(np.nanmin(temperature), 1.0), np.nanmax(temperature) + GRID_K, GRID_K)
+    off, slope = noise_sigma(wavelength_um, error_k), radiance_derivative(wavelength_um, t[:, None])
+    gain = off / radiance(wavelength_um, 300.0) * radiance(wavelength_um, t[:, None])
+    moved = np.maximum((off / slope).mean(axis=1), (gain / slope).mean(axis=1))
+    out = scratch.empty(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)
         out[part] = np.hypot(sigma[part], np.interp(temperature[part], t, moved))

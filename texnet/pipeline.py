@@ -19,12 +19,12 @@ from physics.bad_bands import without_bad_bands
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
-from physics.heat_cube import MAX_NETD_K, HeatCube
+from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
-from physics.spectral_shift import spectral_shift
+from physics.spectral_shift import registered
 
 from . import glance
 from .doubt import sigma_among_neighbours, with_calibration_error
@@ -49,13 +49,15 @@ class Decomposition:
                           likewise; the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
-    temperature_sigma_k   one standard deviation of T, K, doubt about m and at edges included
+    temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the stated
+                          calibration included; 15 K and more where the pixel is saturated
     material_probability  (materials, height, width); zero what `glance` did not see
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, no material is likely enough (`doubt`), only the neighbours
                           speak for the one given, or the pixel is saturated
     wavelength_um         (bands,) um, as stated, of the bands that were used
-    spectral_shift_um     um by which they were taken to be less than stated
+    spectral_shift_um     um by which they were taken to be less than stated (negative: more)
+    calibration_error_k   as it was stated, K at 300 K
     left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
     netd_k                the noise that was assumed, K
@@ -79,6 +81,7 @@ class Decomposition:
     hue_deg: np.ndarray
     netd_k: float
     spectral_shift_um: float = 0.0
+    calibration_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
     seconds: dict = field(default_factory=dict)
@@ -103,10 +106,12 @@ def decompose(
                  "local": each pixel by itself, exactly; "sgd": semi-global, from local
     k            number of environment objects, 1..10, estimated from the cube by K-means; or
                  "auto": as many as the scene supports (`physics.support`)
-    environment  take this one instead, at the cube's bands
+    environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
+                 the wavelengths
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
-                 together: the cube cannot show it, so that temperature_sigma_k holds it if stated
+                 together, in offset or gain: the cube cannot show it, so that temperature_sigma_k
+                 holds it if stated
     model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
                  export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
@@ -120,7 +125,8 @@ def decompose(
         raise InputError(f"decompose: k must be a whole number 1..{MAX_K} or auto, got {k!r}.")
     if not _whole(seed, 0, MAX_SEED):
         raise InputError(f"decompose: seed must be a whole number 0..{MAX_SEED}, got {seed!r}.")
-    if not 0 <= calibration_error_k <= MAX_NETD_K:
+    error = numbers(calibration_error_k, "decompose: calibration_error_k")
+    if error.ndim or not 0 <= error <= MAX_NETD_K:
         raise InputError(
             f"decompose: calibration_error_k must be 0-{MAX_NETD_K:g} K, got {calibration_error_k}."
         )
@@ -141,11 +147,9 @@ def decompose(
         environment.check_bands(whole)
         environment = environment.only(np.isin(whole, cube.wavelength_um))
     stated = cube.wavelength_um
-    shift = spectral_shift(cube, library)
-    if shift:
-        cube = HeatCube(cube.radiance, stated - shift, cube.fwhm_um, cube.netd_k)
-        if environment is not None:
-            environment = replace(environment, wavelength_um=environment.wavelength_um - shift)
+    cube, shift = registered(cube, library)
+    if environment is not None:
+        environment = replace(environment, wavelength_um=cube.wavelength_um)
     lap("bands")
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
@@ -183,21 +187,21 @@ def decompose(
     maps["temperature_sigma_k"] = sigma_among_neighbours(
         maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
     )
-    if calibration_error_k:
+    if error:
         maps["temperature_sigma_k"] = with_calibration_error(
             maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um,
-            calibration_error_k,
+            float(error),
         )  # fmt: skip
     beyond = saturated(cube)
     maps["unknown"] |= beyond
-    # all that is known of such a T beforehand
+    # T is a lower bound there; no scene's is known better beforehand
     maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K
     return Decomposition(
         **{name: a for name, a in maps.items() if name != "objective"},
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg, netd_k=cube.netd_k,
-        spectral_shift_um=shift, left_out=left_out, objective=maps.get("objective", ()),
-        seconds=seconds,
+        spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
+        objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
 
 
