@@ -74,13 +74,13 @@ def spectral_shift(cube, library):
         clear = (clear ** AIR_MASSES[:, None, None]).mean(axis=-1)
         return misfit(radiance(w - shift, air_k) * (1 - clear))
 
-    most = round(FARTHEST_UM / STEP_UM)
-    misfits = [as_sky(STEP_UM * i) for i in range(-most, most + 1)]
-    best, least = int(np.argmin(misfits)) - most, min(misfits)
-    if abs(best) == most or abs(best) * STEP_UM < max(LEAST_UM, LEAST_BANDS * _spacing(w)):
+    farthest = round(FARTHEST_UM / STEP_UM)
+    misfits = [as_sky(STEP_UM * i) for i in range(-farthest, farthest + 1)]
+    best, least = int(np.argmin(misfits)) - farthest, min(misfits)
+    if abs(best) == farthest or abs(best) * STEP_UM < max(LEAST_UM, LEAST_BANDS * _spacing(w)):
         return 0.0
     like_sky = least < LIKE_SKY * misfit(radiance(w, air_k) * GREYS)
-    return STEP_UM * best if like_sky and least < BETTER * misfits[most] else 0.0
+    return STEP_UM * best if like_sky and least < BETTER * misfits[farthest] else 0.0
 
 
 def _spacing(w):
