@@ -1,5 +1,7 @@
 """Saturated pixels are found, said to be unknown, and no other pixel is."""
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,8 @@ from traced import one_thread, traced  # noqa: F401
 from physics import HeatCube
 from physics.planck import noise_sigma, radiance
 from physics.saturation import saturated
+from texnet.cli import main
+from texnet.cube_io import write_cube
 from texnet.pipeline import decompose
 
 
@@ -68,6 +72,19 @@ def test_their_temperature_is_called_unknown(method):
     spoilt, beyond = clipped(cube, 0.1)
     d = decompose(spoilt, method=method, k=3)
     assert d.unknown[beyond].all()
+    np.testing.assert_array_equal(d.saturated, beyond)
     assert d.temperature_sigma_k[beyond].min() > 15
     assert d.unknown[~beyond].mean() < 0.5
     assert np.median(d.temperature_sigma_k[~beyond]) < 2
+
+
+def test_the_command_says_how_many(tmp_path, capsys):
+    cube, beyond = clipped(traced("forest", 54)[0], 0.1)
+    write_cube(cube, tmp_path / "cube.npz")
+    command = ["decompose", str(tmp_path / "cube.npz"), "--method", "local", "--json", "--out"]
+    assert main([*command, str(tmp_path / "out")]) == 0
+    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    assert f"Saturated    {100 * beyond.mean():.2g} % of the pixels" in text
+    assert json.loads(result)["saturated"] == pytest.approx(beyond.mean())
+    with np.load(tmp_path / "out" / "decomposition.npz") as npz:
+        np.testing.assert_array_equal(npz["saturated"], beyond)

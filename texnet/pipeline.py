@@ -55,6 +55,7 @@ class Decomposition:
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, no material is likely enough (`doubt`), only the neighbours
                           speak for the one given, or the pixel is saturated
+    saturated             True where a band is at its ceiling: T is a lower bound
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
     calibration_error_k   as it was stated, K at 300 K
@@ -77,6 +78,7 @@ class Decomposition:
     temperature_sigma_k: np.ndarray
     material_probability: np.ndarray
     unknown: np.ndarray
+    saturated: np.ndarray
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
@@ -194,10 +196,9 @@ def decompose(
         )  # fmt: skip
     beyond = saturated(cube)
     maps["unknown"] |= beyond
-    # T is a lower bound there; no scene's is known better beforehand
-    maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K
+    maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(
-        **{name: a for name, a in maps.items() if name != "objective"},
+        **{name: a for name, a in maps.items() if name != "objective"}, saturated=beyond,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg, netd_k=cube.netd_k,
         spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
