@@ -13,6 +13,7 @@ If no move makes a clear sky of these pixels much rather than a grey body, none 
 import numpy as np
 
 from .bands import quadrature
+from .estimate import AIR_MASSES
 from .heat_cube import HeatCube
 from .planck import brightness_temperature, radiance, radiance_derivative
 
@@ -28,7 +29,6 @@ CONTRAST_K = 10.0  # of brightness temperature between bands, of a clear sky at 
 WARMEST_K = 330.0  # of air
 MOST_CONTRAST = 0.8  # of the pixels that are looked at, over the most (but for 2 %: defects)
 SAMPLES = 2000
-AIR_MASSES = np.geomspace(0.1, 40, 40)
 AIR_EXCESS_K = np.linspace(-2, 12, 15)[:, None, None]  # of the air over what the warmest band shows
 GREYS = np.linspace(0.02, 1, 50)[:, None]
 
