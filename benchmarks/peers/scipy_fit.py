@@ -22,6 +22,27 @@ def fit(model, spectrum, r, fwhm_um):
     """
     from scipy.optimize import least_squares
 
+    k, residual = model.k, _residuals(model, spectrum, r, fwhm_um)
+
+    def with_sum(x):
+        return np.append(residual(x), SUM_WEIGHT * (x[1:].sum() - 1))
+
+    start = np.concatenate([[model.prior_mean_k], np.full(k, 1 / k)])
+    low, high = np.zeros(k + 1), np.ones(k + 1)
+    low[0], high[0] = model.mid_k - model.half_k, model.mid_k + model.half_k
+    best = least_squares(with_sum, start, bounds=(low, high))
+    return best.cost + model.occam[r], best.x[0], best.x[1:]
+
+
+def cost(model, spectrum, r, fwhm_um, temperature_k, lighting):
+    """J + occam in nats of a hypothesis at T in K and V (k,), by Planck's law itself instead of the
+    series that `physics.local` has of it; other arguments as of `fit`."""
+    x = np.append(temperature_k, lighting)
+    return 0.5 * (_residuals(model, spectrum, r, fwhm_um)(x) ** 2).sum() + model.occam[r]
+
+
+def _residuals(model, spectrum, r, fwhm_um):
+    """A function of (T, V_1 .. V_k) whose half square is J."""
     library, k = model.library, model.k
     nodes = quadrature(model.wavelength_um, fwhm_um)
     curve = np.interp(nodes, library.wavelength_um, library.emissivity[model.material[r]])
@@ -34,15 +55,11 @@ def fit(model, spectrum, r, fwhm_um):
         s = (curve * radiance(nodes, t)).mean(axis=-1) + v @ lit
         return np.concatenate([
             root @ ((spectrum - s) / model.sigma),
-            [(t - model.prior_mean_k) / model.prior_sigma_k, SUM_WEIGHT * (v.sum() - 1)],
+            [(t - model.prior_mean_k) / model.prior_sigma_k],
             (V_PRECISION * k) ** 0.5 * (v - 1 / k),
         ])  # fmt: skip
 
-    start = np.concatenate([[model.prior_mean_k], np.full(k, 1 / k)])
-    low, high = np.zeros(k + 1), np.ones(k + 1)
-    low[0], high[0] = model.mid_k - model.half_k, model.mid_k + model.half_k
-    best = least_squares(residual, start, bounds=(low, high))
-    return best.cost + model.occam[r], best.x[0], best.x[1:]
+    return residual
 
 
 def fit_all(model, spectrum, fwhm_um):
