@@ -20,7 +20,8 @@ from sklearn.cluster import KMeans
 from physics.environment import Environment
 from physics.library import SKY
 from physics.local import solve_local
-from physics.reduced import V_PRECISION, groups, reduce_model
+from physics.prior import V_PRECISION
+from physics.reduced import groups, reduce_model
 from physics.semiglobal import Objective, refine, unsmoothed
 from texnet.pipeline import Decomposition
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from .errors import InputError
 from .heat_cube import MAX_K, check_wavelength, numbers
+from .planck import brightness_temperature, radiance_derivative
 from .planck import radiance as planck_radiance
+from .prior import lighting_scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,24 @@ class Environment:
         given = {n: a for n in names if (a := getattr(self, n)) is not None}
         cut = {n: a[..., good] for n, a in given.items()}
         return replace(self, wavelength_um=self.wavelength_um[good], **cut)
+
+    def off_by(self, kelvin):
+        """The Environment whose objects may all together be so many K warmer or colder (one
+        standard deviation), as `spread`: for spectra that were taken elsewhere or at another time.
+
+        Raises InputError where kelvin is not 0-100.
+        """
+        error = numbers(kelvin, "environment: off_by")
+        if error.ndim or not 0 <= error <= 100:
+            raise InputError(f"environment: it may be off by 0-100 K, got {kelvin}.")
+        seen_k = brightness_temperature(self.wavelength_um, self.radiance)
+        off = error * radiance_derivative(self.wavelength_um, seen_k)
+        # of sum V_j off_j, of any V as likely as it is a priori, the two directions that vary most
+        mean = off.mean(axis=0, keepdims=True)
+        rows = np.concatenate([mean, (off - mean) * lighting_scale(len(off))])
+        _, length, direction = np.linalg.svd(rows, full_matrices=False)
+        rows = (length[:, None] * direction)[:2]
+        return replace(self, spread=np.concatenate([self.spread, rows]))
 
     def check_bands(self, wavelength_um):
         """Raise InputError unless (bands,) wavelength_um, a cube's, are the environment's too."""

@@ -36,7 +36,8 @@ import torch
 
 from .known import COLDEST_PRIOR_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from .planck import radiance
-from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
+from .prior import lighting_scale
+from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY
 
 QUADRATURE = 16
 BLOCK = 6  # of the factorisation
@@ -174,11 +175,6 @@ def hypotheses(known: Known) -> Hypotheses:
 def log_det(lower):
     """(R,) log determinants of triangular matrices (R, q, q)."""
     return torch.log(torch.diagonal(lower, dim1=1, dim2=2)).sum(dim=1)
-
-
-def lighting_scale(k):
-    """Standard deviation of each of k lighting factors, a priori."""
-    return (V_PRECISION * k) ** -0.5
 
 
 _NEVER = 1e15  # nats; misfits reach 1e12

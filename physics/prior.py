@@ -1,4 +1,4 @@
-"""What is known of a scene's temperatures before any pixel is solved."""
+"""What is known of a scene's temperatures and lighting before any pixel is solved."""
 
 import numpy as np
 
@@ -7,6 +7,12 @@ from .planck import brightness_temperature
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
+V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
+
+
+def lighting_scale(k):
+    """Standard deviation of each of k lighting factors."""
+    return (V_PRECISION * k) ** -0.5
 
 
 def scene_temperatures(cube):

@@ -52,11 +52,16 @@ from .errors import InputError
 from .heat_cube import HeatCube
 from .library import MaterialLibrary
 from .planck import brightness_temperature, noise_sigma, radiance
-from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperature
+from .prior import (
+    MIN_TEMPERATURE_SPREAD_K,
+    V_PRECISION,
+    lighting_scale,
+    scene_temperatures,
+    usual_temperature,
+)
 
 PIXELS_PER_GROUP = 4096
 SERIES_TOLERANCE = 0.005  # noise units
-V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
 # share of sky in a mixed pixel, mean and standard deviation, below and above one half
 MIXED_MATERIAL, MIXED_SKY = (0.25, 0.15), (0.75, 0.15)
 MIXED_SHARE = 0.1  # of all pixels, a priori
@@ -250,7 +255,7 @@ def _occam(gram, terms, t):
         chebyshev.chebval(at, chebyshev.chebder(c)) / t.half for c in np.eye(terms)
     ]
     tangent[terms:, 1:] = np.linalg.svd(np.eye(k) - 1.0 / k)[0][:, : k - 1]
-    width = np.array([t.prior_sigma] + [(V_PRECISION * k) ** -0.5] * (k - 1))
+    width = np.array([t.prior_sigma] + [lighting_scale(k)] * (k - 1))
     fisher = width[:, None] * (tangent.T @ gram @ tangent) * width
     return 0.5 * np.linalg.slogdet(np.eye(k) + fisher)[1]
 

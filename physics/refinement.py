@@ -27,8 +27,9 @@ from typing import NamedTuple
 import torch
 from torch.nn import functional
 
-from .evidence import Hypotheses, cholesky, hermite, lighting_scale, log_det
+from .evidence import Hypotheses, cholesky, hermite, log_det
 from .known import MAX_T, MAX_UNKNOWNS, TERMS
+from .prior import lighting_scale
 
 FREE_STEPS, STEPS = 2, 1
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing

@@ -1,12 +1,14 @@
 """The exact solver against a slow general-purpose one, the Cramer-Rao bound and its limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from physics import Environment, HeatCube, MaterialLibrary
+from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.local import HOPELESS, energy_given, solve_given, solve_local
-from physics.planck import radiance, radiance_derivative
+from physics.planck import brightness_temperature, radiance, radiance_derivative
 from physics.reduced import reduce_model
 
 
@@ -182,3 +184,39 @@ def test_material_that_reflects_true_deviations_is_not_punished_for_them(make_pi
     assert right[1] > right[0]
     z = (aware.temperature_k - p.temperature[:, None])[i, p.material] / aware.sigma_k[i, p.material]
     assert z.std() == pytest.approx(1, abs=5 / np.sqrt(2 * len(z)))
+
+
+@pytest.mark.parametrize("kelvin", [-20, -5, 5, 20])
+def test_an_environment_that_is_off_as_far_as_is_stated_does_not_deceive(make_pixels, kelvin):
+    """Objects so much warmer or colder than they are: T is off by more than sigma, unless told."""
+    p = make_pixels(shape=(20, 20))
+    seen = brightness_temperature(p.wavelength, p.environment.radiance)
+    wrong = replace(p.environment, radiance=radiance(p.wavelength, seen + kelvin))
+    i, error, within = np.arange(len(p.material)), [], []
+    for environment in (p.environment, wrong, wrong.off_by(abs(kelvin))):
+        found = solve_local(reduce_model(p.cube, p.library, environment), p.cube.spectra)
+        off = (found.temperature_k - p.temperature[:, None])[i, p.material]
+        error.append(np.abs(off).mean())
+        within.append((np.abs(off) < 2 * found.sigma_k[i, p.material]).mean())
+    assert error[2] < 1.6 * error[0] < 0.8 * error[1]
+    assert within[1] < 0.7 and within[2] > 0.8
+
+
+def test_an_environment_is_off_by_what_kelvin_are_worth(pixels):
+    """`off_by` makes room for objects that are so much warmer, whatever V is."""
+    w, s = pixels.wavelength, pixels.environment.radiance
+    rows = pixels.environment.off_by(2.0).spread
+    warmer = radiance(w, brightness_temperature(w, s) + 2.0) - s
+    off = pixels.lighting @ warmer
+    left = off - off @ np.linalg.pinv(rows) @ rows
+    assert np.abs(left).max() < 0.05 * np.abs(off).max()
+    # one standard deviation along the first, about as likely along the second
+    shares = off @ np.linalg.pinv(rows)
+    assert np.abs(shares[:, 0]).mean() == pytest.approx(1, abs=0.1)
+    assert 0.3 < shares[:, 1].std() < 3
+
+
+def test_an_environment_can_be_off_by_some_kelvin_only(pixels):
+    for kelvin in (-1, 101, np.nan, "much", [1.0]):
+        with pytest.raises(InputError):
+            pixels.environment.off_by(kelvin)

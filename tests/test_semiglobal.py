@@ -18,6 +18,7 @@ from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
 from physics.local import solve_local
 from physics.planck import noise_sigma, radiance, radiance_derivative
+from physics.prior import V_PRECISION
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, State, refine, unsmoothed
 
@@ -199,7 +200,7 @@ def slow_unaries(scene, objective, state):
     w, k, sigma = cube.wavelength_um, len(environment), noise_sigma(cube.wavelength_um, 0.1)
     model = objective.model
     t0, t_sigma = model.prior_mean_k, model.prior_sigma_k
-    v_variance = 1 / (reduced.V_PRECISION * k)
+    v_variance = 1 / (V_PRECISION * k)
     has_sky = environment.sky_mean is not None and library.sky_index is not None
     sky_mean = environment.sky_mean if has_sky else np.zeros(w.size)
 
@@ -363,7 +364,7 @@ def torch_objective(scene, objective, temperature_k, material, lighting):
     s, _ = render(temperature_k, e, lighting, as_tensor(scene.environment.radiance), w)
     chi2 = (((s - as_tensor(scene.cube.spectra)) / as_tensor(model.sigma)) ** 2).sum()
     prior = ((temperature_k - model.prior_mean_k) ** 2).sum() / model.prior_sigma_k**2
-    prior = prior + reduced.V_PRECISION * k * ((lighting - 1 / k) ** 2).sum()
+    prior = prior + V_PRECISION * k * ((lighting - 1 / k) ** 2).sum()
     t, same = temperature_k.reshape(scene.shape), material.reshape(scene.shape)
     smooth = 0.0
     weights = semiglobal.edge_weights(scene.cube.radiance, model.sigma)

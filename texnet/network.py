@@ -23,9 +23,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from physics.evidence import Hypotheses, Known, evidence, lighting_scale
+from physics.evidence import Hypotheses, Known, evidence
 from physics.known import MAX_T, TERMS
 from physics.planck import brightness_temperature, noise_sigma
+from physics.prior import lighting_scale
 
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
 FREQUENCIES = 6

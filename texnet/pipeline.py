@@ -109,7 +109,7 @@ def decompose(
     k            number of environment objects, 1..10, estimated from the cube by K-means; or
                  "auto": as many as the scene supports (`physics.support`)
     environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
-                 the wavelengths
+                 the wavelengths; if it may be some kelvin off, say so: environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain: the cube cannot show it, so that temperature_sigma_k

@@ -5,7 +5,7 @@ import numpy as np
 
 from physics.bands import quadrature
 from physics.planck import radiance
-from physics.reduced import V_PRECISION
+from physics.prior import V_PRECISION
 
 SUM_WEIGHT = 1e4  # of V's sum being 1, which scipy's bounds cannot say
 
