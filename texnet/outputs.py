@@ -10,6 +10,7 @@
 
 import os
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import matplotlib.image
@@ -63,12 +64,12 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
     near = directory if directory.is_dir() else directory.resolve().parent
     with tempfile.TemporaryDirectory(dir=near, prefix=".texnet-") as made:
         made = Path(made)
-        _save_arrays(decomposition, made / "decomposition.npz")
-        matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
-        maps_figure(decomposition, truth, made / "maps.png")
-        if compare:
-            comparison_figure(decomposition, cube, truth, made / "comparison.png")
-        _write_maps_exr(decomposition, made / "maps.exr")
+        with ThreadPoolExecutor(1) as beside:  # the disk, zlib and OpenEXR leave a core to Python
+            written = beside.submit(_write_numbers, decomposition, made)
+            maps_figure(decomposition, truth, made / "maps.png")
+            if compare:
+                comparison_figure(decomposition, cube, truth, made / "comparison.png")
+            written.result()
         directory.mkdir(exist_ok=True)
         for file in made.iterdir():
             os.replace(file, directory / file.name)
@@ -81,6 +82,12 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
         "maps_exr": directory / "maps.exr",
     }
     return paths | ({"comparison": directory / "comparison.png"} if compare else {})
+
+
+def _write_numbers(d, directory):
+    _save_arrays(d, directory / "decomposition.npz")
+    _write_maps_exr(d, directory / "maps.exr")
+    matplotlib.image.imsave(directory / "tex_vision.png", tex_vision(d))
 
 
 def _save_arrays(d, path):
