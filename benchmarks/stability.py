@@ -106,6 +106,7 @@ class Case:
     library: MaterialLibrary
     k: int = K
     wrong_k: float = 0.0  # kelvin that the environment is off
+    stated_k: float = 0.0  # kelvin of it that are stated
     said_k: float = 0.0  # kelvin of calibration error that are stated
 
 
@@ -225,6 +226,10 @@ def wrong_environment(view, library, kelvin):
     return Case(*shaded(view, library), library, wrong_k=kelvin)
 
 
+def stated_environment(view, library, kelvin):
+    return replace(wrong_environment(view, library, kelvin), stated_k=kelvin)
+
+
 def wrong_wavelengths(view, library, bands):
     cube, truth = shaded(view, library)
     w = cube.wavelength_um + bands * np.diff(cube.wavelength_um).mean()
@@ -340,6 +345,7 @@ AXES = {
     "twin materials": Axis("difference of e (%)", (5, 2, 1, 0.5, 0.2), twin_materials),
     "mixed pixels": Axis("pixels in one, a side", (1, 2, 3, 4, 6), mixed_pixels),
     "wrong environment": Axis("its error (K)", (0, 1, 3, 10, 30), wrong_environment),
+    "wrong environment, as stated": Axis("its error (K)", (0, 1, 3, 10, 30), stated_environment),
     "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
     "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
     "gain off, as stated": Axis("gain error (%)", (0, 0.3, 1, 3, 10), stated_gain),
@@ -364,6 +370,7 @@ def answer(case, method, model):
         w, s = environment.wavelength_um, environment.radiance
         slope = radiance_derivative(w, brightness_temperature(w, s))
         environment = replace(environment, radiance=s + case.wrong_k * slope)
+        environment = environment.off_by(case.stated_k) if case.stated_k else environment
     return decompose(
         case.cube, case.library, method=method, k=case.k, environment=environment,
         calibration_error_k=case.said_k, model=model if method == "net+sgd" else None,
