@@ -71,16 +71,17 @@ PART, TILE = (544, 960), 224
 REPEATS = 3
 SIMULATED, SPP = (256, 384), 16
 GROWTH = {
-    "pixels": (96, 128, 192, 256, 320),  # on a side
+    "pixels": (128, 256, 512, 1024),  # on a side
     "bands": (8, 16, 32, 64, 100),
     "materials": (3, 6, 12, 24, 30),
     "k": (1, 2, 4, 8, 10),
 }
 SIMULATED_GROWTH = {
-    "pixels": (64, 128, 256, 512),  # on a side
+    "pixels": (128, 256, 512, 768),  # on a side
     "bands": (10, 40, 160, 400),
-    "paths": (4, 16, 64, 256),  # per pixel
+    "paths": (4, 16, 64),  # per pixel
 }
+GROWTH_SIDE, SIMULATED_SIDE = 384, 256  # pixels, where it is not they that grow
 LARGE = (4096, 4096)
 
 
@@ -326,7 +327,7 @@ def growth(traced, library):
     run = Runtime(ONNX, THREADS).run
     for axis, sizes in GROWTH.items():
         for n in sizes:
-            side = n if axis == "pixels" else 160
+            side = n if axis == "pixels" else GROWTH_SIDE
             some = library.subset(_some(library, n)) if axis == "materials" else library
             cube = frame(traced, library, n if axis == "bands" else BANDS, (side, side))
             environment = estimate_environment(cube, some, n if axis == "k" else K)
@@ -341,7 +342,7 @@ def growth(traced, library):
     scene = preset("forest", 7)
     for axis, sizes in SIMULATED_GROWTH.items():
         for n in sizes:
-            side = n if axis == "pixels" else 128
+            side = n if axis == "pixels" else SIMULATED_SIDE
             w, fwhm = equidistant_bands(n if axis == "bands" else BANDS)
             spp = n if axis == "paths" else SPP
             run = lambda: simulate(  # noqa: E731

@@ -66,6 +66,7 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
         made = Path(made)
         with ThreadPoolExecutor(1) as beside:  # the disk, zlib and OpenEXR leave a core to Python
             written = beside.submit(_write_numbers, decomposition, made)
+            matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
             maps_figure(decomposition, truth, made / "maps.png")
             if compare:
                 comparison_figure(decomposition, cube, truth, made / "comparison.png")
@@ -87,7 +88,6 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
 def _write_numbers(d, directory):
     _save_arrays(d, directory / "decomposition.npz")
     _write_maps_exr(d, directory / "maps.exr")
-    matplotlib.image.imsave(directory / "tex_vision.png", tex_vision(d))
 
 
 def _save_arrays(d, path):
