@@ -12,7 +12,7 @@ repeated as stands in a row:
     net                   the network with the evidence it reads, in torch, on one tile
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
-                          pixels whose materials are not sky; the median of the pixels
+                          pixels that are neither sky nor mixed with it; the median
     PAN-ResNet50          the forward pass of the published TeX-Net's architecture: of
                           segmentation-models-pytorch where that is installed (extra `peers`),
                           else a stand-in of as many parameters and multiply-adds
