@@ -15,6 +15,7 @@ from physics.known import bytes_per_pixel
 from physics.tiles import TILE_BYTES, run_tiled
 
 MOST_THREADS = 8  # for more, memory is scarcer than cores
+OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -54,17 +55,18 @@ class Runtime:
         about = self._session.get_modelmeta().custom_metadata_map
         if "texnet_version" not in about:
             raise InputError(f"model: cannot read {path}: {BROKEN}.")
-        if "inner" not in {i.name for i in self._session.get_inputs()}:
+        if "log_expected" not in {i.name for i in self._session.get_inputs()}:
             raise InputError(f"model: {path} is of an older texnet; export its weights again.")
         as_json = ("history", "meaning", "library", "halo_px", "cell_px", "limits")
         self.about = {k: json.loads(v) if k in as_json else v for k, v in about.items()}
 
-    def run(self, radiance, known, progress=None):
+    def run(self, radiance, known, progress=None, expected=None):
         """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
 
         radiance  (bands, height, width) W m-2 sr-1 um-1
         known     dict of arrays as `physics.known.known_arrays` makes it
         progress  called as progress(done, total) after each tile
+        expected  physics.expected.Expected of the materials, or None
 
         material is int16, unknown bool, the others float32. Raises InputError where sizes do
         not agree or exceed what the file can take.
@@ -74,9 +76,17 @@ class Runtime:
         self._check(feeds)
         pixels = TILE_BYTES / 2 / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
+
+        def answer(tile, inner, corner):
+            if expected is None:
+                log_expected = np.zeros((len(known["is_sky"]), *tile.shape[1:]), np.float32)
+            else:
+                log_expected = expected.of_tile(*corner, *tile.shape[1:])
+            of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
+            return self._answer(feeds | of_tile)
+
         return run_tiled(
-            lambda tile, inner: self._answer(feeds | {"radiance": tile, "inner": inner}),
-            image, self.about["halo_px"], pixels, progress, self.about["cell_px"], self._threads,
+            answer, image, self.about["halo_px"], pixels, progress, self.about["cell_px"], self._threads,
         )  # fmt: skip
 
     def _answer(self, feeds):
@@ -86,7 +96,7 @@ class Runtime:
 
     def _check(self, feeds):
         """Raise InputError unless the inputs are those of the file, and agree."""
-        expected = {i.name: i.shape for i in self._session.get_inputs() if i.name != "inner"}
+        expected = {i.name: i.shape for i in self._session.get_inputs() if i.name not in OF_TILES}
         if feeds.keys() != expected.keys():
             wrong = ", ".join(sorted(feeds.keys() ^ expected.keys()))
             raise InputError(f"model: its inputs are radiance and Known's fields; see {wrong}.")

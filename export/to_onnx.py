@@ -45,6 +45,10 @@ INPUTS = {
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
     "radiance": (("bands", "height", "width"), SPECTRUM),
+    "log_expected": (
+        ("materials", "height", "width"),
+        "nats by which a material is expected, more or less than others; 0 if nothing is",
+    ),
     "inner": ((4,), "int64: top, left, rows and columns of the part to be answered, in pixels"),
 }
 PART = ("rows", "columns")
@@ -109,8 +113,8 @@ def _quiet():
 
 
 def _trace(model):
-    assert Known._fields == tuple(INPUTS)[:-2] and TeX._fields == tuple(OUTPUTS)
-    known, radiance = _example()
+    assert Known._fields == tuple(INPUTS)[:-3] and TeX._fields == tuple(OUTPUTS)
+    known, *image = _example()
     inner = torch.tensor([2, 3, 5, 8])
     dynamic = {
         name: {i: torch.export.Dim.DYNAMIC for i, size in enumerate(sizes) if size in EXAMPLE}
@@ -118,7 +122,8 @@ def _trace(model):
     }
     of_known = Known(**{name: dynamic[name] for name in Known._fields})
     program = torch.export.export(
-        model, (known, radiance, inner), dynamic_shapes=(of_known, dynamic["radiance"], None),
+        model, (known, *image, inner),
+        dynamic_shapes=(of_known, dynamic["radiance"], dynamic["log_expected"], None),
         # what torch cannot prove of the sizes (no k > 13) it need not check either
         prefer_deferred_runtime_asserts_over_guards=True,
     )  # fmt: skip
@@ -129,7 +134,7 @@ def _trace(model):
 
 
 def _example():
-    """Known and radiance of the EXAMPLE sizes; torch looks at the sizes alone."""
+    """Known, radiance and log_expected of the EXAMPLE sizes; torch looks at the sizes alone."""
     r = torch.Generator().manual_seed(0)
     x = {
         name: torch.rand([EXAMPLE.get(size, size) for size in sizes], generator=r)
@@ -138,7 +143,7 @@ def _example():
     }
     x["nodes_um"] += 10.0
     x["prior_k"] += 300.0
-    return Known(**{name: x[name] for name in Known._fields}), x["radiance"]
+    return Known(**{name: x.pop(name) for name in Known._fields}), *x.values()
 
 
 def _name_sizes(model):

@@ -18,8 +18,9 @@ TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
 def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
     """Maps of an image (..., height, width), tile by tile.
 
-    run       takes a tile (..., h, w), and top, left, height and width (4,) int64 of the part of
-              it that it has to answer, with a dict of maps (..., height, width)
+    run       takes a tile (..., h, w); top, left, height and width (4,) int64 of the part of it
+              that it has to answer, with a dict of maps (..., height, width); and the row and
+              column of the image at which the tile begins
     halo      how many pixels around itself an answer depends on
     pixels    at most about so many in one tile, its halo included
     multiple  tiles begin at multiples of it; halo must be one
@@ -36,7 +37,7 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
         top, left = max(0, y - halo), max(0, x - halo)
         tile = image[..., top : y + rows + halo, left : x + columns + halo]
         h, w = min(rows, height - y), min(columns, width - x)
-        answer = run(tile.copy(), np.array([y - top, x - left, h, w]))
+        answer = run(tile.copy(), np.array([y - top, x - left, h, w]), (top, left))
         with writing:
             for name, part in answer.items():
                 if name not in maps:

@@ -19,6 +19,7 @@ from export.to_onnx import _graphs, export_onnx
 from physics import Environment, HeatCube, InputError
 from physics.eq1 import render
 from physics.evidence import Known
+from physics.expected import Expected
 from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, radiance
 from texnet.chunks import chunks_of
@@ -72,9 +73,18 @@ def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0)
     return cube.radiance, known_arrays(cube, library, environment)
 
 
-def in_torch(network, image, known):
+def expected_of(image, known, step=4):
+    """A little more of one material here, of another there."""
+    rng, size = np.random.default_rng(2), [-(-n // step) for n in image.shape[1:]]
+    log_probability = rng.normal(size=(len(known["is_sky"]), *size)).astype(np.float32)
+    return Expected(log_probability, step)
+
+
+def in_torch(network, image, known, expected=None):
     known = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
-    answer = TeXModel(network)(known, torch.from_numpy(np.array(image)))
+    if expected is not None:
+        expected = torch.from_numpy(expected.of_tile(0, 0, *image.shape[1:]))
+    answer = TeXModel(network)(known, torch.from_numpy(np.array(image)), expected)
     return {name: a.numpy() for name, a in answer._asdict().items()}
 
 
@@ -113,10 +123,12 @@ EDGES = [
 @pytest.mark.parametrize("sizes", CONFIGURATIONS + EDGES, ids=str)
 def test_one_file_answers_as_torch_does(network, runtime, sizes):
     image, known = scene(**sizes)
-    expected, answer = in_torch(network, image, known), runtime.run(image, known)
-    assert_close(answer, expected)
-    for name, a in answer.items():
-        assert a.shape == expected[name].shape, name
+    for expected in (None, expected_of(image, known)):
+        in_file = runtime.run(image, known, expected=expected)
+        there = in_torch(network, image, known, expected)
+        assert_close(in_file, there)
+        for name, a in in_file.items():
+            assert a.shape == there[name].shape, name
 
 
 def test_some_of_them_come_in_chunks():
@@ -142,11 +154,12 @@ def test_the_network_part_matters(network, runtime):
 )
 def test_tiles_do_not_show(runtime, monkeypatch, pixels, materials, shape):
     image, known = scene(shape=shape, bands=9, materials=materials)
-    whole = runtime.run(image, known)
+    expected = expected_of(image, known)
+    whole = runtime.run(image, known, expected=expected)
     per_pixel = bytes_per_pixel(known)
     monkeypatch.setattr("export.runtime.TILE_BYTES", 2 * pixels * per_pixel)
     done = []
-    tiled = runtime.run(image, known, lambda n, of: done.append((n, of)))
+    tiled = runtime.run(image, known, lambda n, of: done.append((n, of)), expected)
     assert len(done) > 1 and done == [(n + 1, len(done)) for n in range(len(done))]
     assert_close(tiled, whole, temperature_k=1e-3, lighting=1e-4)
 

@@ -13,7 +13,7 @@ from physics.tiles import TILE_PIXELS, run_tiled, tile_size
 REACH = 2
 
 
-def windows(image, inner=None):
+def windows(image, inner=None, _=None):
     """The sum over 5 x 5 windows, zero beyond the border: it looks 2 pixels around itself."""
     padded = np.pad(image, ((0, 0), (REACH, REACH), (REACH, REACH)))
     views = np.lib.stride_tricks.sliding_window_view(padded, (5, 5), axis=(1, 2))
@@ -46,7 +46,7 @@ def test_tiling_changes_nothing(height, width, halo, pixels, seed, at_once):
 def test_tiles_begin_where_cells_do(height, width, pixels, cell):
     """Means over cells of the whole picture are those of the tiles' own cells."""
 
-    def means(image, inner=None):
+    def means(image, inner=None, _=None):
         y, x = (np.arange(n) // cell for n in image.shape[-2:])
         sums, counts = np.zeros((2, y[-1] + 1, x[-1] + 1))
         np.add.at(sums, (y[:, None], x), image)
@@ -62,7 +62,7 @@ def test_one_at_a_time_stays_in_the_thread_of_the_caller():
     """numba and torch keep their number of threads by thread."""
     seen = []
 
-    def run(tile, inner):
+    def run(tile, inner, _):
         seen.append(get_ident())
         return windows(tile, inner)
 
@@ -78,7 +78,7 @@ def test_too_small_a_halo_shows():
 def test_what_goes_wrong_in_a_tile_is_said_and_ends_the_others():
     begun = []
 
-    def run(tile, inner):
+    def run(tile, inner, _):
         begun.append(1)
         if len(begun) == 1:
             raise ArithmeticError("no")
@@ -93,7 +93,7 @@ def test_what_goes_wrong_in_a_tile_is_said_and_ends_the_others():
 def test_ctrl_c_ends_after_the_tiles_at_work():
     begun = []
 
-    def run(tile, inner):
+    def run(tile, inner, _):
         begun.append(1)
         time.sleep(0.01)
         return windows(tile, inner)
@@ -136,7 +136,7 @@ def test_tiles_look_at_few_pixels_more_than_squares_would(height, width, halo, p
 def test_a_tile_is_no_larger_than_asked():
     shapes = []
 
-    def run(tile, inner):
+    def run(tile, inner, _):
         shapes.append(tile.shape)
         return windows(tile, inner)
 

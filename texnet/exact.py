@@ -37,7 +37,7 @@ def solve(cube, library, environment, smooth, report, lap):
     threads = numba.get_num_threads()
     solve_local(model, cube.pixels([0]), threads=1)  # compiled here, where it can be interrupted
 
-    def tile(part, _):
+    def tile(part, *_):
         spectra = part.reshape(cube.bands, -1).T
         local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1)
         answer = unsmoothed(local)

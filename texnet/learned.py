@@ -19,22 +19,26 @@ WEIGHTS = "texnet.safetensors"  # in texnet/data
 
 
 def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
-    """run(radiance, known, progress) -> dict of TeX's maps as numpy arrays.
+    """run(radiance, known, progress, expected) -> dict of TeX's maps as numpy arrays.
 
     refined   net+sgd, of so many steps; else net.  network   a TeXNet; the shipped one if None
     device    "cpu" or "cuda", where it is computed
     radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
+    expected  physics.expected.Expected of the materials, or None
     """
     check_device(device)
     network = network or shipped_network()
     model = TeXModel(deepcopy(network).to(device), steps if refined else 0)
 
-    def run(radiance, known, progress=None):
+    def run(radiance, known, progress=None, expected=None):
         tensors = Known(**{name: torch.from_numpy(a).to(device) for name, a in known.items()})
 
-        def tile(part, inner):
-            part = torch.from_numpy(part).to(device)
-            answer = model(tensors, part, torch.from_numpy(inner))
+        def tile(part, inner, corner):
+            part, log_expected = torch.from_numpy(part).to(device), None
+            if expected is not None:
+                log_expected = expected.of_tile(*corner, *part.shape[1:])
+                log_expected = torch.from_numpy(log_expected).to(device)
+            answer = model(tensors, part, log_expected, torch.from_numpy(inner))
             maps = {name: a.cpu().numpy() for name, a in zip(TeX._fields, answer, strict=True)}
             return maps | {"material": maps["material"].astype("int16")}
 

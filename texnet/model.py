@@ -1,7 +1,8 @@
 """The whole answer to a cube in one module: evidence, network, refinement, texture.
 
 This is `net+sgd`, and what `export` writes into an ONNX file. The network proposes: log
-probabilities of all materials, T, V. Refinement solves Eq. 6 from there for the likeliest
+probabilities of all materials, T, V; what the scene holds elsewhere (`glance`) is added to the
+first. Refinement solves Eq. 6 from there for the likeliest
 hypotheses (material, pure or partly sky), and what a hypothesis loses by V's bounds, by
 Planck's law and by T's distance from what is usual counts against it as much as the network
 trusts the pixel's evidence:
@@ -63,9 +64,11 @@ class TeX(NamedTuple):
 class TeXModel(nn.Module):
     """Known and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
 
-    steps   of refinement; 0 answers with what the network and the evidence say
-    inner   (4,) int64 top, left, height, width of the part of the image that is answered, the
-            rest being there only to be looked at; all of it if None
+    steps         of refinement; 0 answers with what the network and the evidence say
+    log_expected  (materials, height, width) nats by which a material is expected, more or less
+                  than others, for what lies beyond the network's sight; nothing if None
+    inner         (4,) int64 top, left, height, width of the part of the image that is answered,
+                  the rest being there only to be looked at; all of it if None
     """
 
     def __init__(self, network: TeXNet, steps=STEPS):
@@ -73,7 +76,7 @@ class TeXModel(nn.Module):
         self.network, self.steps = network, steps
 
     @torch.no_grad()
-    def forward(self, known: Known, radiance, inner=None) -> TeX:
+    def forward(self, known: Known, radiance, log_expected=None, inner=None) -> TeX:
         shape, spectra = radiance.shape[1:], radiance.flatten(1)
         h = hypotheses(known)
         b, code = blocks(h, known.environment.shape[0]), self.network.encode(known)
@@ -89,6 +92,8 @@ class TeXModel(nn.Module):
             see, (spectra,), chunks
         )
         net = self.network.look_around(known, code, own, log_evidence, t, lighting, shape)
+        if log_expected is not None:
+            net = net._replace(log_material=net.log_material + log_expected)
         net = tuple(a.flatten(-2) for a in net)
         seen = (spectra, air, log_evidence, log_pure, log_mixed, *net)
         if inner is not None:

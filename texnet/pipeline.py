@@ -2,7 +2,7 @@
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated. Then comes the environment from the
-cube and a glance from afar at what materials there are, and then
+cube and a glance from afar at what materials there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -114,7 +114,7 @@ def decompose(
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain: the cube cannot show it, so that temperature_sigma_k
                  holds it if stated
-    model        for net and net+sgd, run(radiance, known, progress) -> maps, such as
+    model        for net and net+sgd, run(radiance, known, progress, expected) -> maps, such as
                  export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
@@ -166,11 +166,11 @@ def decompose(
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model(method == "net+sgd")
-        known = known_arrays(cube, library, environment)
 
-        def look(part, seen, progress=None):
+        def look(part, seen, expected, progress=None):
+            known = known_arrays(part, library, environment)
             of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
-            return model(part.radiance, known | of_seen, progress)
+            return model(part.radiance, known | of_seen, progress, expected)
 
         maps = glance.answer(
             partial(look, progress=report("network")), look, cube, len(library)
@@ -179,7 +179,7 @@ def decompose(
     else:
         from .exact import solve  # and so does numba
 
-        def run(part, seen, smooth=method == "sgd", report=report, lap=lap):
+        def run(part, seen, _, smooth=method == "sgd", report=report, lap=lap):
             held = library.subset([library.names[i] for i in seen])
             return solve(part, held, environment, smooth, report, lap)
 
