@@ -74,20 +74,25 @@ class Runtime:
         feeds = {"radiance": radiance, **known}
         feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
         self._check(feeds)
+        materials = len(feeds["is_sky"])
+        if expected is not None and len(expected.log_probability) != materials:
+            raise InputError(
+                f"model: expected must be of {materials} materials, "
+                f"got {len(expected.log_probability)}."
+            )
         pixels = TILE_BYTES / 2 / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
 
         def answer(tile, inner, corner):
             if expected is None:
-                log_expected = np.zeros((len(known["is_sky"]), *tile.shape[1:]), np.float32)
+                log_expected = np.zeros((materials, *tile.shape[1:]), np.float32)
             else:
                 log_expected = expected.of_tile(*corner, *tile.shape[1:])
             of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
             return self._answer(feeds | of_tile)
 
-        return run_tiled(
-            answer, image, self.about["halo_px"], pixels, progress, self.about["cell_px"], self._threads,
-        )  # fmt: skip
+        halo, cell = self.about["halo_px"], self.about["cell_px"]
+        return run_tiled(answer, image, halo, pixels, progress, cell, self._threads)
 
     def _answer(self, feeds):
         maps = zip(self._session.get_outputs(), self._session.run(None, feeds), strict=True)

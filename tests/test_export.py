@@ -245,6 +245,13 @@ def test_files_of_others_are_named_as_such(tmp_path, runtime):
         Runtime(other)
 
 
+def test_expectations_of_other_materials_are_refused(runtime):
+    image, known = scene()
+    wrong = Expected(np.zeros((3, 2, 2), np.float32), 4)
+    with pytest.raises(InputError, match="expected must be of 8 materials, got 3"):
+        runtime.run(image, known, expected=wrong)
+
+
 @pytest.mark.parametrize(
     "change, message",
     [

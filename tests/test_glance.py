@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from traced import one_thread, traced  # noqa: F401
 
 from physics import HeatCube, MaterialLibrary
-from physics.expected import Expected
 from physics.estimate import estimate_environment
+from physics.expected import Expected
 from physics.known import known_arrays
 from texnet import glance
 from texnet.learned import torch_model

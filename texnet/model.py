@@ -34,7 +34,14 @@ from physics.refinement import (
 )  # fmt: skip
 
 from .chunks import by_chunks, chunks_of
-from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, OTHER_K, OWN_PROBABILITY, RIM_NATS
+from .doubt import (
+    AIR_SIGMA_K,
+    CHI2_SIGMAS,
+    NET_LIKELY,
+    NET_OTHER_K,
+    OWN_PROBABILITY,
+    RIM_NATS,
+)
 from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # of a pixel, the likeliest
@@ -156,7 +163,7 @@ def _answer(
     off = deviations(h, z, x, hot, t, v)
     texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
     # a misfit beyond the noise widens sigma (Birge's ratio)
-    variance = variance * misfit.clamp(min=1) ** 2 + OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
+    variance = variance * misfit.clamp(min=1) ** 2 + NET_OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
     sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
     visible = (~empty).float()
     # so put that what is no number is unknown
