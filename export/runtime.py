@@ -75,10 +75,9 @@ class Runtime:
         feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
         self._check(feeds)
         materials = len(feeds["is_sky"])
-        if expected is not None and len(expected.log_probability) != materials:
+        if expected is not None and len(expected.nats) != materials:
             raise InputError(
-                f"model: expected must be of {materials} materials, "
-                f"got {len(expected.log_probability)}."
+                f"model: expected must be of {materials} materials, got {len(expected.nats)}."
             )
         pixels = TILE_BYTES / 2 / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
@@ -101,12 +100,12 @@ class Runtime:
 
     def _check(self, feeds):
         """Raise InputError unless the inputs are those of the file, and agree."""
-        expected = {i.name: i.shape for i in self._session.get_inputs() if i.name not in OF_TILES}
-        if feeds.keys() != expected.keys():
-            wrong = ", ".join(sorted(feeds.keys() ^ expected.keys()))
+        axes_of = {i.name: i.shape for i in self._session.get_inputs() if i.name not in OF_TILES}
+        if feeds.keys() != axes_of.keys():
+            wrong = ", ".join(sorted(feeds.keys() ^ axes_of.keys()))
             raise InputError(f"model: its inputs are radiance and Known's fields; see {wrong}.")
         sizes = {}
-        for name, axes in expected.items():
+        for name, axes in axes_of.items():
             shape = feeds[name].shape
             for size, n in zip(axes, shape, strict=False):
                 if isinstance(size, str):

@@ -6,18 +6,19 @@ import numpy as np
 
 
 class Expected(NamedTuple):
-    """log_probability (materials, h, w) nats, up to a constant, of a picture seen from afar: its
-    point (i, j) stands for the step x step pixels from (step i, step j) on."""
+    """nats (materials, h, w) by which a material is expected, more or less than others, in a
+    picture seen from afar: point (i, j) stands for the step x step pixels from (step i, step j) on.
+    """
 
-    log_probability: np.ndarray
+    nats: np.ndarray
     step: int
 
     def of_tile(self, top, left, height, width):
         """(materials, height, width) float32 of the tile that begins at a pixel; linear between
         the points, constant beyond them."""
-        rows, down = _between(top, height, self.step, self.log_probability.shape[1])
-        columns, across = _between(left, width, self.step, self.log_probability.shape[2])
-        near = self.log_probability[:, rows, columns]
+        rows, down = _between(top, height, self.step, self.nats.shape[1])
+        columns, across = _between(left, width, self.step, self.nats.shape[2])
+        near = self.nats[:, rows, columns].astype(np.float32)
         return down @ (near @ across.T)
 
 

@@ -23,7 +23,7 @@ from physics.expected import Expected
 from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, radiance
 from texnet.chunks import chunks_of
-from texnet.learned import shipped_network
+from texnet.learned import shipped_network, torch_model
 from texnet.model import TeXModel
 from texnet.network import TeXNet
 from texnet.weights import load_network
@@ -76,8 +76,7 @@ def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0)
 def expected_of(image, known, step=4):
     """A little more of one material here, of another there."""
     rng, size = np.random.default_rng(2), [-(-n // step) for n in image.shape[1:]]
-    log_probability = rng.normal(size=(len(known["is_sky"]), *size)).astype(np.float32)
-    return Expected(log_probability, step)
+    return Expected(rng.normal(size=(len(known["is_sky"]), *size)).astype(np.float32), step)
 
 
 def in_torch(network, image, known, expected=None):
@@ -162,6 +161,8 @@ def test_tiles_do_not_show(runtime, monkeypatch, pixels, materials, shape):
     tiled = runtime.run(image, known, lambda n, of: done.append((n, of)), expected)
     assert len(done) > 1 and done == [(n + 1, len(done)) for n in range(len(done))]
     assert_close(tiled, whole, temperature_k=1e-3, lighting=1e-4)
+    monkeypatch.setattr("texnet.learned.TILE_BYTES", pixels * per_pixel)
+    assert_close(torch_model()(image, known, expected=expected), whole)
 
 
 def test_permuting_library_and_environment_permutes_the_answer(runtime):

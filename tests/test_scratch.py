@@ -102,7 +102,7 @@ def test_tiles_of_a_picture_in_a_file(all_large):
     filed = scratch.empty(picture.shape, np.float32)
     filed[:] = picture
 
-    def doubled(tile, inner):
+    def doubled(tile, inner, _):
         top, left, h, w = inner
         return {"twice": 2 * tile[:, top : top + h, left : left + w]}
 

@@ -10,13 +10,13 @@ proportion to the materials, and spares the answer some that are rare and wrong.
 has probability zero.
 
 What is seen: how likely a material is, there and in the whole picture, is what a network expects
-that looks at pixels and their near neighbours. Most of it is the same evidence again, so both
-count HALF:
+that looks at pixels and their near neighbours:
 
-    log expected(m)  =  log max(q(m), LEAST) / 2,      q(m)  ~  p(m | patch) share(m)^(1/2)
+    expected(m)  =  log q(m) / 2,      q(m)  =  p(m | patch) share(m)^(1/2) / their sum,
 
-with the shares from q itself, by expectation maximisation (Saerens et al. 2002, "Adjusting the
-outputs of a classifier to new a priori probabilities").
+q not below LEAST. The patch counts half, being mostly the same evidence as the pixels'; so does
+the share, the mean of q over all patches, found in a few steps like those by which Saerens et al.
+(2002, "Adjusting the outputs of a classifier to new a priori probabilities") find it in full.
 """
 
 import math
@@ -33,22 +33,26 @@ PATCHES = 5000  # of a glance, at least, if the picture allows; by fewer nothing
 SHARE = 0.005
 NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
 LEAST_MATERIALS = 2  # to choose from
-HALF, LEAST, SWEEPS = 0.5, 0.01, 3
+HALF = 0.5  # of what comes from the same evidence as what it is added to
+LEAST, LEAST_SHARE = 0.01, 1e-4  # expected of any material: what is rare stays possible
+SWEEPS = 3  # of the search for the shares
 
 
-def answer(run, look, cube, materials):
+def answer(run, look, cube, materials, expects):
     """Maps of a HeatCube by the materials that it holds, as if by all.
 
     run        (cube, seen, expected) -> dict of maps by the materials of these indices, of which
                that is Expected; or None where the picture is too small to be seen from afar
     look       run of the glance, of which material_probability is wanted alone
     materials  how many there are
+    expects    whether run makes use of what is expected
     """
     every = np.arange(materials)
-    if min(cube.shape) < 2 * PATCH:
-        return run(cube, every, None)
     step = int(math.sqrt(cube.radiance[0].size / PATCHES))
-    step, enough = min(STEP, max(PATCH, step)), step >= PATCH
+    enough = step >= PATCH
+    if max(cube.shape) < 2 * PATCH or not (enough or expects):
+        return run(cube, every, None)
+    step = min(STEP, max(PATCH, step))
     probability = look(_from_afar(cube, step), every, None)["material_probability"]
     seen = materials_seen(probability) if enough else every
     maps = run(cube, seen, Expected(expected(probability)[seen], step))
@@ -62,30 +66,30 @@ def answer(run, look, cube, materials):
 def _from_afar(cube, step):
     """HeatCube of the patches' means."""
     means = np.stack([_patches(band, step) for band in scratch.parts(cube.radiance)])
-    return HeatCube(means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / PATCH)
+    pixels = math.prod(min(PATCH, size) for size in cube.shape)
+    return HeatCube(means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / math.sqrt(pixels))
 
 
 def _patches(band, step):
-    """(h, w) means of patches of a band (height, width)."""
-    height, width = band.shape
-    row, column = np.ogrid[0:height:step, 0:width:step]
-    column = column + row // step % 2 * (step - PATCH)
-    row = row + (step - PATCH) // 2
-    total = 0.0
-    for down in range(PATCH):
-        for right in range(PATCH):
-            at = np.minimum(row + down, height - 1), np.minimum(column + right, width - 1)
-            total = total + band[at].astype(np.float64)
-    return (total / PATCH**2).astype(np.float32)
+    """(h, w) means of patches of a band (height, width), all within it."""
+    down, right = (min(PATCH, size) for size in band.shape)
+    row, column = np.ogrid[0 : band.shape[0] : step, 0 : band.shape[1] : step]
+    column = np.minimum(column + row // step % 2 * (step - PATCH), band.shape[1] - right)
+    row = np.minimum(row + (step - PATCH) // 2, band.shape[0] - down)
+    total = sum(
+        band[row + i, column + j].astype(np.float64) for i in range(down) for j in range(right)
+    )
+    return (total / (down * right)).astype(np.float32)
 
 
 def materials_seen(probability):
     """Ascending indices of the materials seen, of probability (materials, h, w)."""
-    height, width = (size - size % NEAR for size in probability.shape[1:])
+    rows, columns = (min(NEAR, size) for size in probability.shape[1:])
+    height, width = (n // NEAR * NEAR or n for n in probability.shape[1:])
     near = probability[:, :height, :width].reshape(
-        len(probability), height // NEAR, NEAR, width // NEAR, NEAR
+        len(probability), height // rows, rows, width // columns, columns
     )
-    own = near.mean(axis=(2, 4)).max(axis=(1, 2), initial=0.0)
+    own = near.mean(axis=(2, 4)).max(axis=(1, 2))
     share = probability.mean(axis=(1, 2))
     seen = (share > SHARE) | (own > OWN)
     seen[np.argsort(-share, kind="stable")[:LEAST_MATERIALS]] = True
@@ -93,14 +97,22 @@ def materials_seen(probability):
 
 
 def expected(probability):
-    """(materials, h, w) float32 log expected, nats, of probability (materials, h, w)."""
-    weight = np.ones(len(probability))
+    """(materials, h, w) float32 nats by which materials are expected, of probability (materials,
+    h, w), in which what is no number says nothing."""
+    weight, rows = np.ones(len(probability)), range(probability.shape[1])
     for _ in range(SWEEPS):
-        q = probability * weight[:, None, None]
-        share = (q / q.sum(axis=0)).mean(axis=(1, 2))
-        weight = np.maximum(share, LEAST**2) ** HALF
-    q = probability * weight[:, None, None]
-    return (HALF * np.log(np.maximum(q / q.sum(axis=0), LEAST))).astype(np.float32)
+        share = np.mean([_weighted(probability[:, i], weight).mean(axis=1) for i in rows], axis=0)
+        weight = np.maximum(share, LEAST_SHARE) ** HALF
+    nats = scratch.empty(probability.shape, np.float32)
+    for i in rows:
+        nats[:, i] = HALF * np.log(np.maximum(_weighted(probability[:, i], weight), LEAST))
+    return nats
+
+
+def _weighted(probability, weight):
+    """q (materials, n) of probability (materials, n)."""
+    q = np.where(np.isfinite(probability), probability, 1) * weight[:, None]
+    return q / q.sum(axis=0)
 
 
 def _among_all(probability, seen, materials):

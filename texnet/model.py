@@ -1,13 +1,12 @@
 """The whole answer to a cube in one module: evidence, network, refinement, texture.
 
 This is `net+sgd`, and what `export` writes into an ONNX file. The network proposes: log
-probabilities of all materials, T, V; what the scene holds elsewhere (`glance`) is added to the
-first. Refinement solves Eq. 6 from there for the likeliest
-hypotheses (material, pure or partly sky), and what a hypothesis loses by V's bounds, by
-Planck's law and by T's distance from what is usual counts against it as much as the network
-trusts the pixel's evidence:
+probabilities of all materials, T, V; what a glance from afar expects is added to the first.
+Refinement solves Eq. 6 from there for the likeliest hypotheses (material, pure or partly sky), and
+what a hypothesis loses by V's bounds, by Planck's law and by T's distance from what is usual counts
+against it as much as the network trusts the pixel's evidence:
 
-    log p(h)  <-  log p_net(h) - a E_h
+    log p(h)  <-  log p_net(h) + expected(m) - a E_h
 
 so a material may change. T and V are the best hypothesis's; sigma of T holds the doubt about
 m. X = V S + D, D being the deviation of the surroundings from the k objects that the rest of
@@ -34,14 +33,7 @@ from physics.refinement import (
 )  # fmt: skip
 
 from .chunks import by_chunks, chunks_of
-from .doubt import (
-    AIR_SIGMA_K,
-    CHI2_SIGMAS,
-    NET_LIKELY,
-    NET_OTHER_K,
-    OWN_PROBABILITY,
-    RIM_NATS,
-)
+from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # of a pixel, the likeliest
@@ -71,7 +63,8 @@ class TeX(NamedTuple):
 class TeXModel(nn.Module):
     """Known and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
 
-    steps         of refinement; 0 answers with what the network and the evidence say
+    steps         of refinement; 0 answers with what the network and the evidence say, T and V
+                  being those of all materials before log_expected is added
     log_expected  (materials, height, width) nats by which a material is expected, more or less
                   than others, for what lies beyond the network's sight; nothing if None
     inner         (4,) int64 top, left, height, width of the part of the image that is answered,

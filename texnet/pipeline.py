@@ -173,7 +173,7 @@ def decompose(
             return model(part.radiance, known | of_seen, progress, expected)
 
         maps = glance.answer(
-            partial(look, progress=report("network")), look, cube, len(library)
+            partial(look, progress=report("network")), look, cube, len(library), expects=True
         )
         lap("network")
     else:
@@ -185,7 +185,7 @@ def decompose(
 
         look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
         with compiling(progress):
-            maps = glance.answer(run, look, cube, len(library))
+            maps = glance.answer(run, look, cube, len(library), expects=False)
     maps["temperature_sigma_k"] = sigma_among_neighbours(
         maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
     )
