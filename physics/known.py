@@ -69,7 +69,7 @@ def bytes_per_pixel(known):
     """About what a pixel takes, at most, on its way to an answer, by known_arrays, beside the chunk
     at work: its spectrum in several layouts, maps of all materials, the network's channels."""
     materials, bands, _ = known["emissivity"].shape
-    return 16 * bands + 48 * materials + 700
+    return 16 * bands + 40 * materials + 700
 
 
 def _basis(s, cube, emissivity, environment, mean_k, spread_k):

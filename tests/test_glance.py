@@ -36,6 +36,14 @@ def test_what_fills_neighbouring_patches_is_seen_and_single_ones_are_not():
     assert list(glance.materials_seen(doubt)) == [0, 1]
 
 
+def test_less_is_enough_where_materials_are_in_doubt():
+    p = np.zeros((12, *SHAPE), np.float32)
+    p[:2], p[9] = [[[0.792]], [[0.2]]], 0.007
+    assert list(glance.materials_seen(p)) == [0, 1]
+    p[:4] = 0.248  # now nobody is sure
+    assert list(glance.materials_seen(p)) == [0, 1, 2, 3, 9]
+
+
 @pytest.mark.parametrize("at", range(4))
 def test_a_post_as_wide_as_the_gap_is_seen(at):
     """Two columns of a picture of which a glance takes two in four."""
@@ -161,7 +169,7 @@ def test_permuting_the_library_permutes_what_is_expected(seed):
 )  # fmt: skip
 def test_what_is_expected_of_a_tile_is_that_of_the_whole(height, width, step, data):
     rng, size = np.random.default_rng(height), [-(-n // step) for n in (height, width)]
-    expected = Expected(rng.normal(size=(3, *size)), step)
+    expected = Expected(rng.normal(size=(3, *size)).astype(np.float32), step)
     whole = expected.of_tile(0, 0, height, width)
     assert whole.shape == (3, height, width) and whole.dtype == np.float32
     top, left = data.draw(st.integers(0, height - 1)), data.draw(st.integers(0, width - 1))
@@ -170,7 +178,7 @@ def test_what_is_expected_of_a_tile_is_that_of_the_whole(height, width, step, da
 
 
 def test_between_points_it_is_linear_and_beyond_them_constant():
-    slope = Expected(np.arange(5, dtype=np.float32)[None, :, None] + np.zeros((1, 1, 3)), 4)
+    slope = Expected(np.arange(5, dtype=np.float32)[None, :, None].repeat(3, 2), 4)
     column = slope.of_tile(0, 0, 20, 12)[0, :, 5]
     np.testing.assert_allclose(column, np.clip((np.arange(20) + 0.5) / 4 - 0.5, 0, 4), atol=1e-6)
 

@@ -4,10 +4,10 @@ A few patches of PATCH x PATCH pixels, one every STEP pixels (in every other row
 right, so that no post falls between them), are first answered with the whole library, each by its
 mean spectrum, of which noise is the less.
 
-What is not seen: a material with less than SHARE of the probability there, and nowhere with OWN of
-some neighbouring patches', is left out when all pixels are answered. That takes less time, in
-proportion to the materials, and spares the answer some that are rare and wrong. What is left out
-has probability zero.
+What is not seen: a material with less than SHARE of the probability there (times how likely the
+likeliest is, in the mean), and nowhere with OWN of some neighbouring patches', is left out when all
+pixels are answered. That takes less time, in proportion to the materials, and spares the answer
+some that are rare and wrong. What is left out has probability zero.
 
 What is seen: how likely a material is, there and in the whole picture, is what a network expects
 that looks at pixels and their near neighbours:
@@ -30,7 +30,7 @@ from physics.heat_cube import HeatCube
 PATCH = 2  # pixels
 STEP = 4  # at most
 PATCHES = 5000  # of a glance, at least, if the picture allows; by fewer nothing is left out
-SHARE = 0.005
+SHARE = 0.01  # where all is sure; where materials are in doubt, what is there has less
 NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
 LEAST_MATERIALS = 2  # to choose from
 HALF = 0.5  # of what comes from the same evidence as what it is added to
@@ -91,7 +91,8 @@ def materials_seen(probability):
     )
     own = near.mean(axis=(2, 4)).max(axis=(1, 2))
     share = probability.mean(axis=(1, 2))
-    seen = (share > SHARE) | (own > OWN)
+    sure = probability.max(axis=0).mean()
+    seen = (share > SHARE * sure) | (own > OWN)
     seen[np.argsort(-share, kind="stable")[:LEAST_MATERIALS]] = True
     return np.flatnonzero(seen)
 
