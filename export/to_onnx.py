@@ -47,7 +47,7 @@ INPUTS = {
     "radiance": (("bands", "height", "width"), SPECTRUM),
     "log_expected": (
         ("materials", "height", "width"),
-        "nats by which a material is expected, more or less than others; 0 if nothing is",
+        "nats by which a material is expected: half a log probability; 0 of all if nothing is",
     ),
     "inner": ((4,), "int64: top, left, rows and columns of the part to be answered, in pixels"),
 }
@@ -101,15 +101,17 @@ def export_onnx(network, history, path):
 @contextmanager
 def _quiet():
     """Without what torch's exporter says of itself and of packages that are not needed."""
-    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
+    loggers = [logging.getLogger(n) for n in ("torch.onnx._internal.exporter", "onnx_ir")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        logger.setLevel(level)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _trace(model):

@@ -6,8 +6,8 @@ import numpy as np
 
 
 class Expected(NamedTuple):
-    """nats (materials, h, w) float32 by which a material is expected, more or less than others,
-    from afar: point (i, j) stands for the step x step pixels from (step i, step j) on.
+    """nats (materials, h, w) float32 by which a material is expected from afar: point (i, j)
+    stands for the step x step pixels from (step i, step j) on.
     """
 
     nats: np.ndarray

@@ -61,7 +61,7 @@ def test_patches_are_means_with_half_the_noise_to_the_last(step, shape):
     afar = np.stack([glance._patches(band, step) for band in bands])
     assert afar.shape[1:] == tuple(-(-size // step) for size in shape)
     cube = HeatCube(np.full((3, *shape), 7.0), [8.0, 9.0, 10.0], netd_k=0.08)
-    less = glance._from_afar(cube, step).netd_k / 0.08
+    less = glance.from_afar(cube, step).netd_k / 0.08
     assert less == pytest.approx(0.5 if min(shape) > 1 else 0.5**0.5)
     np.testing.assert_allclose(afar.std(axis=0), less, rtol=0.1)
     np.testing.assert_allclose(glance._patches(0 * bands[0] + 3, step), 3)
@@ -133,7 +133,7 @@ def test_what_is_seen_everywhere_is_expected_and_nothing_is_impossible():
     p[2] = 1
     expected = glance.expected(p)
     assert (expected[2] - expected[[0, 1, 3]] > 2).all() and np.isfinite(expected).all()
-    assert (expected > -2.5).all()  # a factor of ten or so
+    assert (expected > -3.5).all()  # a factor of thirty or so
 
 
 def test_what_is_no_number_spoils_no_other_patch():

@@ -43,7 +43,7 @@ class Truth:
         view = maps(world.lighting @ known.sky_object.double().numpy())[0]
         self.sample = Sample(
             known=known, radiance=maps(s.T), material=index, temperature_k=temperature,
-            texture=texture, sky_view=view, ground=ground,
+            texture=texture, sky_view=view, ground=ground, glance=None,
         )  # fmt: skip
         log_m = torch.full((len(world.library), n), -1e4, dtype=dtype)
         log_m[material, np.arange(n)] = 0

@@ -273,6 +273,11 @@ def test_a_part_is_answered_as_it_is_in_the_whole(inner):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
 
 
+def untrained(known, image, expected=None):
+    """By a network that passes on the evidence and what is expected, without messages."""
+    return TeXModel(network(strength=0.0, messages=0))(known, image, expected)
+
+
 def test_what_is_expected_counts_among_materials_that_look_alike():
     """Of twins, by Bayes's rule; one as likely as the other where nothing is expected."""
     world = world_of()
@@ -281,15 +286,13 @@ def test_what_is_expected_counts_among_materials_that_look_alike():
     twin = twin._replace(emissivity=twin.emissivity.clone())
     twin.emissivity[2] = twin.emissivity[3]
     image = torch.from_numpy(cube.radiance.copy())
-    model = TeXModel(network())
-    plain = model(twin, image)
-    a, b = plain.material_probability[2:4]
+    a, b = untrained(twin, image).material_probability[2:4]
     ours = a > 0.1
     assert ours.sum() > 20
     torch.testing.assert_close(a, b, rtol=0, atol=0.01)  # of hypotheses only three are refined
     expected = torch.full((len(world.library), *SHAPE), -1.0)
     expected[3] += 0.7
-    p = model(twin, image, expected).material_probability
+    p = untrained(twin, image, expected).material_probability
     odds = (p[3] / p[2])[ours]
     torch.testing.assert_close(odds, torch.full_like(odds, np.exp(0.7)), rtol=0.02, atol=0)
 
@@ -297,9 +300,9 @@ def test_what_is_expected_counts_among_materials_that_look_alike():
 def test_to_expect_all_alike_is_to_expect_nothing():
     world = world_of()
     cube, _ = under_a_sky(world)
-    model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
-    plain = model(world.known(), image)
-    alike = model(world.known(), image, torch.full((len(world.library), *SHAPE), -1.5))
+    image = torch.from_numpy(cube.radiance.copy())
+    plain = untrained(world.known(), image)
+    alike = untrained(world.known(), image, torch.full((len(world.library), *SHAPE), -1.5))
     for name, a, b in zip(plain._fields, plain, alike, strict=True):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
 

@@ -28,9 +28,17 @@ def network(seed=0, strength=10.0, **config):
 
 
 @torch.no_grad()
-def predict(net, known, cube):
+def predict(net, known, cube, expected=None):
+    """What it predicts of a cube where materials are expected (M, height, width); none if None."""
     s = stem(known, hypotheses(known), torch.from_numpy(cube.radiance.copy()).flatten(1))
-    return net(known, s, cube.shape)
+    expected = torch.zeros_like(s.log_evidence) if expected is None else expected.flatten(1)
+    return net(known, s, expected, cube.shape)
+
+
+def some_expected(known, shape):
+    """(M, height, width) nats at random."""
+    size = (len(known.is_sky), *shape)
+    return torch.from_numpy(np.random.default_rng(8).normal(size=size).astype(np.float32))
 
 
 def assert_same(a, b, atol, at=np.s_[...]):
@@ -46,9 +54,10 @@ def test_it_is_small():
 def test_permuting_the_library_permutes_the_materials():
     world, net = World(seed=1), network(1)
     known, order = world.known(), [3, 0, 5, 1, 4, 2]
-    a = predict(net, known, world.cube)
+    expected = some_expected(known, world.shape)
+    a = predict(net, known, world.cube, expected)
     shuffled = known._replace(emissivity=known.emissivity[order], is_sky=known.is_sky[order])
-    b = predict(net, shuffled, world.cube)
+    b = predict(net, shuffled, world.cube, expected[order])
     assert_same(a._replace(log_material=a.log_material[order]), b, 1e-3)
     assert a.log_material.exp().std(dim=0).max() > 0.1  # there was something to permute
 
@@ -110,10 +119,11 @@ def test_moving_the_camera_moves_the_answer():
     """By whole cells."""
     world, net = World(shape=(52, 54), seed=5), network(5)
     known = world.known()
-    whole = predict(net, known, world.cube)
+    expected = some_expected(known, (52, 54))
+    whole = predict(net, known, world.cube, expected)
     cropped = type(world.cube)(world.cube.radiance[:, 4:, 6:], world.wavelength, world.width,
                                world.netd)  # fmt: skip
-    part = predict(net, known, cropped)
+    part = predict(net, known, cropped, expected[:, 4:, 6:])
     inner = np.s_[..., 4 + HALO : 52 - HALO, 6 + HALO : 54 - HALO]
     same = np.s_[..., HALO : 48 - HALO, HALO : 48 - HALO]
     for name, a, b in zip(whole._fields, whole, part, strict=True):
@@ -134,13 +144,24 @@ def test_untrained_it_says_what_physics_says():
     np.testing.assert_allclose(p.trust, 1, atol=1e-3)
 
 
+def test_untrained_it_takes_what_is_expected_for_a_prior():
+    """Without messages: p(m | z, expected) is p(m | z) exp(expected), normalised."""
+    world, net = World(shape=(8, 9), seed=8), network(strength=0.0, messages=0)
+    known = world.known()
+    expected = some_expected(known, world.shape)
+    p = predict(net, known, world.cube).log_material.exp() * expected.exp()
+    told = predict(net, known, world.cube, expected).log_material.exp()
+    torch.testing.assert_close(told, p / p.sum(0), atol=2e-3, rtol=0)
+    assert (told - p).abs().max() > 0.1  # it had something to say
+
+
 def test_every_weight_is_trained():
     world = World(seed=6)
     known, net = world.known(), network(6)
     s = stem(
         known, hypotheses(known), torch.from_numpy(world.cube.radiance.copy()).flatten(1)
     )  # fmt: skip
-    p = net(known, s, world.shape)
+    p = net(known, s, some_expected(known, world.shape).flatten(1), world.shape)
     target = torch.from_numpy(world.material).reshape(1, *world.shape)
     loss = torch.nn.functional.nll_loss(p.log_material[None], target) + p.trust.mean()
     loss = loss + (p.temperature_k - 290).square().mean() + p.log_lighting[0].exp().mean()

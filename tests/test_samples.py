@@ -4,6 +4,9 @@ The Record is made by hand: grey materials under Eq. 1, band by band, so that a 
 known by how much it emits and Eq. 1 holds in bands of any width.
 """
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -12,7 +15,7 @@ from traced import one_thread  # noqa: F401
 import training.samples as samples
 from physics.library import SKY
 from physics.planck import noise_sigma, radiance
-from training.samples import MATERIALS, Sample, draw
+from training.samples import MATERIALS, Sample, draw, expected_by
 from training.scenes import Record
 
 NAMES = ("a", "b", SKY, "c", "d", "e", "f", "g", "h", "i")
@@ -58,8 +61,8 @@ def upright(sample):
     mirrored = column == 0 or RECORD.temperature_k[row, column - 1] != t[-1, -2]
     if not mirrored:
         return sample, False
-    turned = (a.flip(-1) for a in sample[1:])
-    return Sample(sample.known, *turned), True
+    turned = (a.flip(-1) for a in sample[1:-1])
+    return Sample(sample.known, *turned, sample.glance), True
 
 
 def level(sample):
@@ -187,10 +190,45 @@ def test_a_crop_is_a_part_of_the_scene_that_is_known_as_a_whole():
         y, x = np.argwhere(RECORD.temperature_k == t[0, 0])[0]  # all of them differ, but the sky's
         if part.ground[0, 0]:
             places.add((y, x))
-            for a, b in zip(whole[1:], part[1:], strict=True):
+            for a, b in zip(whole[1:-1], part[1:-1], strict=True):
                 assert torch.equal(a[..., y : y + 10, x : x + 10], b)
         assert part.radiance.shape[1:] == part.material.shape == part.ground.shape == (10, 10)
     assert len(places) > 1
+
+
+def test_a_glance_lies_where_the_sample_lies(monkeypatch):
+    """Seen by one who calls bright the first material and dark the second."""
+    t = 280 + np.add(*np.indices((SIZE, SIZE))) / 2.0  # K
+    slope = replace(RECORD, radiance=radiance(FINE[:, None, None], t).astype(np.float32))
+    seen, steps, without = {}, set(), 0
+
+    def by_brightness(network):
+        def look(known, radiance):
+            bright = radiance.mean(0) > radiance.mean()
+            p = torch.zeros(len(known.is_sky), *bright.shape)
+            p[0], p[1] = bright, ~bright
+            return SimpleNamespace(material_probability=p)
+
+        return look
+
+    monkeypatch.setattr(samples, "TeXModel", by_brightness)
+    for seed in range(40):
+        sample = draw(slope, np.random.default_rng([3, seed]), side=14)
+        nats = expected_by(None, sample).reshape(-1, 14, 14)
+        assert nats.shape[0] == len(sample.known.is_sky)
+        if sample.glance is None:
+            without += 1
+            assert (nats == 0).all()
+            continue
+        bright = sample.radiance.mean(0) > sample.glance.radiance.mean()
+        agrees = [(bright == (n[0] > n[1])).float().mean() for n in (nats, nats.flip(-1))]
+        steps.add(sample.glance.step)
+        seen.setdefault(sample.glance.turned, []).append(agrees)
+    assert set(seen) == {False, True} and steps == {2, 3, 4}
+    for as_it_is, mirrored in (np.mean(agrees, axis=0) for agrees in seen.values()):
+        assert as_it_is > 0.9 > 0.8 > mirrored
+    assert 10 < without < 30
+    assert all(draw(RECORD, np.random.default_rng(seed)).glance for seed in range(3))
 
 
 def test_a_scene_of_every_material_and_one_of_few_records():

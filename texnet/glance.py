@@ -34,7 +34,7 @@ SHARE = 0.01  # where all is sure; where materials are in doubt, what is there h
 NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
 LEAST_MATERIALS = 2  # to choose from
 HALF = 0.5  # of what comes from the same evidence as what it is added to
-LEAST, LEAST_SHARE = 0.01, 1e-4  # expected of any material: what is rare stays possible
+LEAST, LEAST_SHARE = 1e-3, 1e-4  # expected of any material: what is rare stays possible
 SWEEPS = 3  # of the search for the shares
 
 
@@ -53,7 +53,7 @@ def answer(run, look, cube, materials, expects):
     if max(cube.shape) < 2 * PATCH or not (enough or expects):
         return run(cube, every, None)
     step = min(STEP, max(PATCH, step))
-    probability = look(_from_afar(cube, step), every, None)["material_probability"]
+    probability = look(from_afar(cube, step), every, None)["material_probability"]
     seen = materials_seen(probability) if enough else every
     maps = run(cube, seen, Expected(expected(probability)[seen], step))
     if not enough:
@@ -63,8 +63,8 @@ def answer(run, look, cube, materials, expects):
     return maps
 
 
-def _from_afar(cube, step):
-    """HeatCube of the patches' means."""
+def from_afar(cube, step):
+    """HeatCube of the patches' means, one every step pixels."""
     means = np.stack([_patches(band, step) for band in scratch.parts(cube.radiance)])
     pixels = math.prod(min(PATCH, size) for size in cube.shape)
     return HeatCube(means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / math.sqrt(pixels))

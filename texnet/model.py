@@ -1,12 +1,12 @@
 """The whole answer to a cube in one module: evidence, network, refinement, texture.
 
 This is `net+sgd`, and what `export` writes into an ONNX file. The network proposes: log
-probabilities of all materials, T, V; what a glance from afar expects is added to the first.
+probabilities of all materials, T, V.
 Refinement solves Eq. 6 from there for the likeliest hypotheses (material, pure or partly sky), and
 what a hypothesis loses by V's bounds, by Planck's law and by T's distance from what is usual counts
 against it as much as the network trusts the pixel's evidence:
 
-    log p(h)  <-  log p_net(h) + expected(m) - a E_h
+    log p(h)  <-  log p_net(h) - a E_h
 
 so a material may change. T and V are the best hypothesis's; sigma of T holds the doubt about
 m. X = V S + D, D being the deviation of the surroundings from the k objects that the rest of
@@ -63,10 +63,9 @@ class TeX(NamedTuple):
 class TeXModel(nn.Module):
     """Known and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
 
-    steps         of refinement; 0 answers with what the network and the evidence say, T and V
-                  being those of all materials before log_expected is added
-    log_expected  (materials, height, width) nats by which a material is expected, more or less
-                  than others, for what lies beyond the network's sight; nothing if None
+    steps         of refinement; 0 answers with what the network and the evidence say
+    log_expected  (materials, height, width) nats by which a material is expected, as `glance` has
+                  them, for what lies beyond the network's sight; of all 0 if None
     inner         (4,) int64 top, left, height, width of the part of the image that is answered,
                   the rest being there only to be looked at; all of it if None
     """
@@ -81,19 +80,25 @@ class TeXModel(nn.Module):
         h = hypotheses(known)
         b, code = blocks(h, known.environment.shape[0]), self.network.encode(known)
 
-        def see(spectra):
+        if log_expected is None:
+            log_expected = radiance.new_zeros(known.is_sky.shape[0], *shape)
+        for size, ours in zip(log_expected.shape[1:], shape, strict=True):
+            torch._check(size == ours)
+        expected = log_expected.flatten(1)
+
+        def see(spectra, expected):
             s = stem(known, h, spectra)
             air = s.brightness.amax(0)  # as warm as its opaque bands look
-            own = self.network.own(known, code, s)
+            own = self.network.own(known, code, s, expected)
             return own, s.t, s.lighting, air, s.log_evidence, s.log_pure, s.log_mixed
 
         chunks = chunks_of(spectra.shape[1], known.is_sky.shape[0])
         own, t, lighting, air, log_evidence, log_pure, log_mixed = by_chunks(
-            see, (spectra,), chunks
+            see, (spectra, expected), chunks
         )
-        net = self.network.look_around(known, code, own, log_evidence, t, lighting, shape)
-        if log_expected is not None:
-            net = net._replace(log_material=net.log_material + log_expected)
+        net = self.network.look_around(
+            known, code, own, log_evidence, expected, t, lighting, shape
+        )
         net = tuple(a.flatten(-2) for a in net)
         seen = (spectra, air, log_evidence, log_pure, log_mixed, *net)
         if inner is not None:

@@ -11,10 +11,11 @@ environment permutes the answer.
     features   of a pixel, dimensionless: brightness temperatures, evidence, codes believed in
     trunk      3 x 3 convolutions with growing dilation, over cells of 2 x 2 pixels; what they
                see of the surroundings is added to each pixel's own
-    material   logits = a log p(z | m) + q . code_m + messages from the neighbours, a and q
-               from the trunk; messages are the neighbours' own beliefs, weighted by the trunk
+    material   logits = a log p(z | m) + b expected_m + q . code_m + messages from the neighbours,
+               a, b and q from the trunk; expected is what a glance from afar says (`glance`),
+               messages are the neighbours' own beliefs, weighted by the trunk
     T          belief-weighted mean of the materials' T, plus an offset
-    V          softmax over the objects of b log V^ + r . code_j, V^ the likeliest material's
+    V          softmax over the objects of c log V^ + r . code_j, V^ the likeliest material's
 """
 
 from typing import NamedTuple
@@ -136,12 +137,12 @@ class TeXNet(nn.Module):
         self.curve = SetCode(1, CODE)
         self.light = SetCode(1, LIGHT_CODE)
         self.kernel = Kernel(SPECTRUM_CODE)
-        self.inlet = nn.Conv2d(SPECTRUM_CODE + 2 * CODE + LIGHT_CODE + 10, width, 1)
+        self.inlet = nn.Conv2d(SPECTRUM_CODE + 2 * CODE + LIGHT_CODE + 11, width, 1)
         self.trunk = nn.ModuleList(
             nn.Conv2d(width, width, 3, padding=d, dilation=d) for d in dilations
         )
         self.merge = nn.Conv2d(width, width, 1)
-        self.heads = nn.Conv2d(width, CODE + LIGHT_CODE + 3 + 8 * messages, 1)
+        self.heads = nn.Conv2d(width, CODE + LIGHT_CODE + 4 + 8 * messages, 1)
         for layer in self.trunk:
             nn.init.zeros_(layer.bias)
         with torch.no_grad():  # at first: what physics says
@@ -155,10 +156,11 @@ class TeXNet(nn.Module):
         reach = sum(self.config["dilations"]) * stride + stride - 1
         return -(-(reach + messages * (messages + 1) // 2) // stride) * stride
 
-    def forward(self, known: Known, s: Stem, shape) -> Prediction:
+    def forward(self, known: Known, s: Stem, expected, shape) -> Prediction:
+        """Of a picture of that shape, its Stem and expected: nats (M, P) by which materials are."""
         code = self.encode(known)
-        own = self.own(known, code, s)
-        return self.look_around(known, code, own, s.log_evidence, s.t, s.lighting, shape)
+        own = self.own(known, code, s, expected)
+        return self.look_around(known, code, own, s.log_evidence, expected, s.t, s.lighting, shape)
 
     def encode(self, known: Known) -> Code:
         """What materials, objects and bands are to the network."""
@@ -172,12 +174,12 @@ class TeXNet(nn.Module):
             kernel=self.kernel(wavelength),
         )
 
-    def own(self, known: Known, code: Code, s: Stem):
-        """(width, P) what each pixel says by itself."""
+    def own(self, known: Known, code: Code, s: Stem, expected):
+        """(width, P) what each pixel says by itself, where materials are expected (M, P)."""
         curve, light, kernel = (a.t() for a in code)
         prior, deviation = known.prior_k[0], known.prior_k[1]
         log_evidence, best = _relative(s.log_evidence)
-        belief = log_evidence.exp()
+        belief = torch.softmax(log_evidence + expected, dim=0)
         soft = torch.softmax(0.2 * log_evidence, dim=0)
         mean = s.brightness.mean(0)
         contrast = _asinh((s.brightness - mean) / 2)
@@ -192,6 +194,7 @@ class TeXNet(nn.Module):
             torch.asinh(best / known.basis.shape[0]),  # far below what _asinh can
             1 - belief.amax(0),
             -(belief * log_evidence).sum(0),
+            -(belief * expected).sum(0),
             (belief * s.log_mixed.exp()).sum(0),
             known.sky_object @ s.lighting,
             0 * mean + noise,
@@ -203,18 +206,20 @@ class TeXNet(nn.Module):
         return functional.relu(self.inlet(features[None, :, :, None]))[0, :, :, 0]
 
     def look_around(
-        self, known: Known, code: Code, own, log_evidence, t, lighting, shape
+        self, known: Known, code: Code, own, log_evidence, expected, t, lighting, shape
     ) -> Prediction:
-        """own (width, P) of a whole picture, and of its Stem log_evidence, t and lighting."""
+        """own (width, P) of a whole picture, what is expected (M, P), and of its Stem log_evidence,
+        t and lighting."""
         height, width = shape
         out = self._heads(own.reshape(1, -1, height, width))
         out = out[0].reshape(-1, height * width)
         n = CODE + LIGHT_CODE
 
         trust = _softplus(out[n] + 0.5413)  # 1 at first
-        logits = trust * _relative(log_evidence)[0] + code.curve @ out[:CODE]
+        heed = _softplus(out[n + 3] + 0.5413)
+        logits = trust * _relative(log_evidence)[0] + heed * expected + code.curve @ out[:CODE]
         for i in range(self.config["messages"]):
-            weight = _softplus(out[n + 3 + 8 * i : n + 11 + 8 * i] - 1.0)
+            weight = _softplus(out[n + 4 + 8 * i : n + 12 + 8 * i] - 1.0)
             logits = logits + _messages(
                 torch.softmax(logits, 0).reshape(-1, height, width),
                 weight.reshape(8, height, width), 1 + i,

@@ -21,8 +21,8 @@ class Crops(Dataset):
     """Draw number i of HeatCubes, each in its turn: an unlabelled Sample and its Stem, of
     at most side x side pixels.
 
-    The Sample has `known` and `radiance`; the rest, truth, is None. Raises InputError where
-    the library does not cover a cube's bands.
+    The Sample has `known` and `radiance`; the rest, truth and a glance, is None. Raises InputError
+    where the library does not cover a cube's bands.
     """
 
     def __init__(self, cubes, library, seed, side):
@@ -47,4 +47,4 @@ class Crops(Dataset):
         side = self.side
         top, left = (int(rng.integers(max(1, n - side + 1))) for n in radiance.shape[1:])
         radiance = radiance[:, top : top + side, left : left + side]
-        return Sample(known, radiance, *[None] * 5), features(known, radiance)
+        return Sample(known, radiance, *[None] * 6), features(known, radiance)

@@ -5,7 +5,8 @@ over part of 8-14 um with or without gaps, or any), other noise (10 to 200 mK), 
 of environment objects (1 to 8, estimated from the noisy cube itself) and another library: the
 scene's own materials among others, in any order, each curve a little wrong. Nearly half of
 the draws have 9 bands or fewer, where spectra say least and the surroundings most, and half are the
-scene's mirror image.
+scene's mirror image. Half come with a glance from afar at the whole scene, whose answer the network
+then expects; the others teach it to answer a glance.
 """
 
 from typing import NamedTuple
@@ -15,16 +16,34 @@ import torch
 
 from physics.estimate import estimate_environment
 from physics.evidence import Known, hypotheses
+from physics.expected import Expected
 from physics.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.sensor import add_noise
+from texnet.glance import PATCH, STEP, expected, from_afar
+from texnet.model import TeXModel
 from texnet.network import stem
 
 BANDS, NETD_K, OBJECTS = (3, 100), (0.01, 0.2), (1, 8)
 MATERIALS = 6  # at least, in a library
 ANY_BANDS = 0.2  # of the draws: bands that are not equidistant
 CURVE_ERROR = 0.01  # largest standard deviation of a library's error
+
+
+class Glance(NamedTuple):
+    """A whole scene seen from afar, of which a Sample is a part.
+
+    known, radiance (bands, h, w)  of its patches, one every step pixels
+    top, left                      pixel at which the Sample begins;  turned: it is mirrored
+    """
+
+    known: Known
+    radiance: torch.Tensor
+    step: int
+    top: int
+    left: int
+    turned: bool
 
 
 class Sample(NamedTuple):
@@ -34,6 +53,7 @@ class Sample(NamedTuple):
     material (height, width) int64 index into the library, temperature_k (height, width) K,
     texture (bands, height, width) W m-2 sr-1 um-1, sky_view (height, width) 0..1,
     ground (height, width) bool: not sky
+    glance                                   at the scene around it, or None
     """
 
     known: Known
@@ -43,12 +63,14 @@ class Sample(NamedTuple):
     texture: torch.Tensor
     sky_view: torch.Tensor
     ground: torch.Tensor
+    glance: Glance | None
 
 
 def draw(record, rng, side=None) -> Sample:
-    """A random Sample of a Record, by a numpy Generator; side: of a random square of it, pixels.
+    """A random Sample of a Record, by a numpy Generator.
 
-    What is known of a scene comes from all of it, whatever the side.
+    side   pixels of a random square of it, of which every other has a glance; if None all of the
+           scene, with one. What is known of a scene comes from all of it, whatever the side.
     """
     weight, centre, width = _bands(record.wavelength_um, rng)
     netd_k = float(np.exp(rng.uniform(*np.log(NETD_K))))
@@ -57,29 +79,51 @@ def draw(record, rng, side=None) -> Sample:
     clean = np.tensordot(weight, record.radiance, 1).astype(np.float32)
     cube = HeatCube(add_noise(clean, centre, netd_k, rng), centre, width, netd_k)
     environment = estimate_environment(cube, library, k, seed=int(rng.integers(2**31)))
-    arrays = known_arrays(cube, library, environment)
     height, width = cube.shape
     side = side or max(height, width)
     top, left = (int(rng.integers(max(0, n - side) + 1)) for n in (height, width))
     turn = 1 if rng.random() < 0.5 else -1
+    glance, step = None, int(rng.integers(PATCH, STEP + 1))
+    if side >= max(height, width) or rng.random() < 0.5:
+        afar = from_afar(cube, step)
+        known = _as_tensors(known_arrays(afar, library, environment))
+        glance = Glance(known, torch.from_numpy(afar.radiance.copy()), step, top, left, turn < 0)
     of = lambda a: torch.from_numpy(  # noqa: E731
         np.array(a[..., top : top + side, left : left + side][..., ::turn])
     )
     return Sample(
-        Known(**{name: torch.from_numpy(a) for name, a in arrays.items()}),
+        _as_tensors(known_arrays(cube, library, environment)),
         of(cube.radiance),
         of(order[record.material]),
         of(record.temperature_k),
         of(np.tensordot(weight, record.texture.astype(np.float32), 1).astype(np.float32)),
         of(record.sky_view),
         of(np.array(record.names)[record.material] != SKY),
+        glance,
     )
+
+
+def _as_tensors(known):
+    return Known(**{name: torch.from_numpy(a) for name, a in known.items()})
 
 
 @torch.no_grad()
 def features(known, radiance):
     """The Stem of radiance (bands, height, width)."""
     return stem(known, hypotheses(known), radiance.flatten(1))
+
+
+def expected_by(network, sample):
+    """Nats (materials, pixels) by which a network's glance at the scene of a Sample expects
+    materials in it, 0 without one."""
+    known, shape, glance = sample.known, sample.radiance.shape[1:], sample.glance
+    if glance is None:
+        return sample.radiance.new_zeros(len(known.is_sky), shape[0] * shape[1])
+    p = TeXModel(network)(glance.known, glance.radiance).material_probability
+    seen = Expected(expected(p.cpu().numpy()), glance.step)
+    nats = seen.of_tile(glance.top, glance.left, *shape)
+    nats = np.ascontiguousarray(nats[..., ::-1] if glance.turned else nats)
+    return torch.from_numpy(nats).to(p.device).flatten(1)
 
 
 def _bands(fine_um, rng):

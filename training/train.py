@@ -24,14 +24,14 @@ from threadpoolctl import threadpool_limits
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 import physics
-import texnet.network
+import texnet
 from physics.provenance import provenance
 from texnet.learned import check_device
 from texnet.network import TeXNet
 from texnet.weights import save_network
 
 from .losses import PHYSICS_WEIGHT, cross_entropy, eq1_loss, supervised_loss
-from .samples import draw, features
+from .samples import draw, expected_by, features
 from .scenes import SceneSet
 
 LEARNING_RATE = 2e-3
@@ -79,7 +79,9 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
 def run_name(settings):
     """A folder name for a run: the same settings (plain values) and code, the same name."""
     code = sorted(Path(physics.__file__).parent.glob("*.py"))
-    return provenance(settings, [*code, Path(__file__).parent, texnet.network.__file__])
+    ours = Path(texnet.__file__).parent
+    code += [ours / f"{name}.py" for name in ("chunks", "glance", "model", "network")]
+    return provenance(settings, [*code, Path(__file__).parent])
 
 
 class Draws(Dataset):
@@ -145,9 +147,14 @@ class Training(lightning.LightningModule):
         self.log("loss", loss.detach(), on_step=False, on_epoch=True, batch_size=1)
         return loss
 
+    def predict(self, sample, s):
+        """The network's Prediction of a Sample, of which s is the Stem."""
+        expected = expected_by(self.network, sample)
+        return self.network(sample.known, s, expected, sample.radiance.shape[1:])
+
     def loss(self, sample, s):
         """What is minimised, of a Sample and its Stem: a scalar."""
-        prediction = self.network(sample.known, s, sample.radiance.shape[1:])
+        prediction = self.predict(sample, s)
         loss = 0.0
         if self.terms != "physics":
             loss = supervised_loss(prediction, sample)
@@ -160,7 +167,7 @@ class Training(lightning.LightningModule):
 
     def measures(self, sample, s):
         """How good the network is on a Sample and its Stem: a dict of scalars."""
-        prediction = self.network(sample.known, s, sample.radiance.shape[1:])
+        prediction = self.predict(sample, s)
         if self.terms == "physics":
             return {"eq1": eq1_loss(prediction, sample.known, sample.radiance)}
         right = (prediction.log_material.argmax(0) == sample.material).float().mean()
