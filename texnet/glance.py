@@ -16,8 +16,8 @@ that looks at pixels and their near neighbours:
 
 q not below LEAST. The patch counts half, being mostly the same evidence as the pixels'; so does
 the share, the mean of q over all patches, found in a few steps like those by which Saerens et al.
-(2002, "Adjusting the outputs of a classifier to new a priori probabilities") find it in full. How far
-to heed it, the network has learnt.
+(2002, "Adjusting the outputs of a classifier to new a priori probabilities") find it in full. How
+far to heed it, the network has learnt.
 """
 
 import math
