@@ -83,7 +83,7 @@ class TeXModel(nn.Module):
         if log_expected is None:
             log_expected = radiance.new_zeros(known.is_sky.shape[0], *shape)
         for size, ours in zip(log_expected.shape[1:], shape, strict=True):
-            torch._check(size == ours)
+            torch._check(size == ours)  # torch.export cannot tell from their products
         expected = log_expected.flatten(1)
 
         def see(spectra, expected):

@@ -157,7 +157,7 @@ class TeXNet(nn.Module):
         return -(-(reach + messages * (messages + 1) // 2) // stride) * stride
 
     def forward(self, known: Known, s: Stem, expected, shape) -> Prediction:
-        """Of a picture of that shape, its Stem and expected: nats (M, P) by which materials are."""
+        """Of a picture of that shape and its Stem; expected (M, P) nats, as `glance` has them."""
         code = self.encode(known)
         own = self.own(known, code, s, expected)
         return self.look_around(known, code, own, s.log_evidence, expected, s.t, s.lighting, shape)
