@@ -44,10 +44,10 @@ _DONE, _NONE = -2, -1  # in place of a face's number
 class LocalSolution:
     """Every material's answer, for P pixels and L materials (library order, sky included).
 
-    energy         (P, L) float32, -log evidence up to one constant; +inf for the sky where
-                   there is none in view; beyond `hopeless` nats above the least it may be about a
-                   lower bound, with the T that V without bounds would give, but never for the
-                   best of the materials that are not sky
+    energy         (P, L) float32, -log evidence up to one constant; +inf for what cannot be
+                   there, such as sky where none is in view; beyond `hopeless` nats above the
+                   least it may be about a lower bound, with the T that V without bounds would
+                   give, but never for the best of the materials that are not sky
     temperature_k  (P, L) float32, K; of the sky, the prior's
     sigma_k        (P, L) float32, one standard deviation of T given m, K
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
@@ -63,13 +63,14 @@ class LocalSolution:
 
 
 def solve_local(
-    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS, threads=None
+    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS, threads=None, among=None
 ) -> LocalSolution:
     """Solve Eq. 6 for every pixel and material of spectra (P, bands), W m-2 sr-1 um-1.
 
     progress, if given, is called as progress(done, total); hopeless is in nats, see LocalSolution:
     less is faster, and enough where nothing but the evidence decides; threads are as many as
-    numba's if None.
+    numba's if None; among (L,) bool are the materials that may be there, one of them not sky, all
+    if None: the energy of the others is +inf.
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
@@ -78,10 +79,15 @@ def solve_local(
     row = np.zeros(shape, np.int16)
     lighting = np.empty((pixels, model.k), np.float32)
     linear, square, tables, of_t = _prepared(model)
-    is_sky = model.material == model.library.sky_index
+    material, gram, rows = model.material, model.gram, np.arange(len(model.gram))
+    if among is not None:
+        rows = np.flatnonzero(among[material])
+        linear, square, gram, material = (a[rows] for a in (linear, square, gram, material))
+        tables = tables[:2] + tuple(a[rows] for a in tables[2:])
+    is_sky = material == model.library.sky_index
     middle = len(model.sigma) // 2
     threads = threads or numba.get_num_threads()
-    fits = BLOCK_BYTES // (8 * len(model.gram) * (model.terms + 2 * model.k + 5))
+    fits = BLOCK_BYTES // (8 * len(rows) * (model.terms + 2 * model.k + 5))
     size = max(LANES, min(BLOCK, fits, -(-pixels // threads)) // LANES * LANES)
 
     def solve_block(first):
@@ -92,13 +98,13 @@ def solve_local(
         )
         _solve_block(
             radiance / model.sigma[:, None], (start_k - model.mid_k) / model.half_k, linear, square,
-            model.gram, tables, model.terms, model.k, *of_t, model.material, is_sky, model.mid_k,
-            hopeless, energy[part], temperature[part], sigma[part], row[part], lighting[part],
+            gram, tables, model.terms, model.k, *of_t, material, is_sky, model.mid_k, hopeless,
+            energy[part], temperature[part], sigma[part], row[part], lighting[part],
         )  # fmt: skip
 
     blocks = range(0, pixels, size)
     in_threads(solve_block, blocks, threads, progress)
-    return LocalSolution(energy, temperature, sigma, row, lighting)
+    return LocalSolution(energy, temperature, sigma, rows.astype(np.int16)[row], lighting)
 
 
 _PREPARED = WeakKeyDictionary()  # tiles share a model

@@ -4,6 +4,7 @@ Where an answer looks no farther than the halo, tiling changes nothing but the m
 that of the tiles at work, picture and large maps being in files (`scratch`).
 """
 
+from itertools import pairwise, product
 from threading import Lock
 
 import numpy as np
@@ -15,7 +16,7 @@ TILE_BYTES = 3e8  # about what the work on all tiles at hand may take
 TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
 
 
-def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
+def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cuts=None):
     """Maps of an image (..., height, width), tile by tile.
 
     run       takes a tile (..., h, w); top, left, height and width (4,) int64 of the part of it
@@ -26,17 +27,23 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
     multiple  tiles begin at multiples of it; halo must be one
     progress  called as progress(done, total) after each tile
     at_once   tiles that are worked on at a time, in threads
+    cuts      rows and columns, each from 0 to the image's last, beyond which no tile goes but by
+              its halo; none within the image if None
     """
     height, width = image.shape[-2:]
-    rows, columns = tile_size(height, width, halo, pixels, multiple, at_once)
-    corners = [(y, x) for y in range(0, height, rows) for x in range(0, width, columns)]
+    down, across = cuts or ((0, height), (0, width))
+    alone = at_once if len(down) + len(across) == 4 else 1  # else other parts keep them busy
+    tiles = []
+    for (y0, y1), (x0, x1) in product(pairwise(down), pairwise(across)):
+        rows, columns = tile_size(y1 - y0, x1 - x0, halo, pixels, multiple, alone)
+        for y, x in product(range(y0, y1, rows), range(x0, x1, columns)):
+            tiles.append((y, x, min(rows, y1 - y), min(columns, x1 - x)))
     maps, writing = {}, Lock()
 
-    def work(corner):
-        y, x = corner
+    def work(part):
+        y, x, h, w = part
         top, left = max(0, y - halo), max(0, x - halo)
-        tile = image[..., top : y + rows + halo, left : x + columns + halo]
-        h, w = min(rows, height - y), min(columns, width - x)
+        tile = image[..., top : y + h + halo, left : x + w + halo]
         answer = run(tile.copy(), np.array([y - top, x - left, h, w]), (top, left))
         with writing:
             for name, part in answer.items():
@@ -46,7 +53,7 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1):
                 scratch.release(maps[name])
             scratch.release(image)
 
-    in_threads(work, corners, at_once, progress)
+    in_threads(work, tiles, at_once, progress)
     return maps
 
 

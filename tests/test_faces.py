@@ -186,3 +186,17 @@ def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
     np.testing.assert_array_equal(few.energy[:, :-1].argmin(axis=1), best)
     np.testing.assert_allclose(few.energy[i, best], every.energy[i, best], rtol=1e-6, atol=1e-3)
     np.testing.assert_allclose(few.temperature_k[i, best], every.temperature_k[i, best], atol=1e-2)
+
+
+def test_among_some_materials_each_has_the_energy_that_it_has_among_all(make_pixels):
+    p = make_pixels(k=3, shape=(9, 11), seed=4)
+    model = reduce_model(p.cube, p.library, p.environment)
+    among = np.arange(len(p.library)) % 2 == 0
+    every = solve_local(model, p.cube.spectra, hopeless=1e9)
+    some = solve_local(model, p.cube.spectra, hopeless=1e9, among=among)
+    assert np.isposinf(some.energy[:, ~among]).all()
+    np.testing.assert_allclose(some.energy[:, among], every.energy[:, among], rtol=1e-6)
+    best = some.energy.argmin(axis=1)
+    q = np.arange(len(best))
+    np.testing.assert_array_equal(some.row[q, best], every.row[q, best])
+    np.testing.assert_allclose(some.lighting.sum(axis=1), 1, atol=1e-5)

@@ -44,6 +44,60 @@ def test_less_is_enough_where_materials_are_in_doubt():
     assert list(glance.materials_seen(p)) == [0, 1, 2, 3, 9]
 
 
+@pytest.mark.parametrize("step", [2, 3, 4])
+def test_each_part_holds_what_is_seen_in_it_or_close_by(step):
+    """Two materials are everywhere, a third within a part, a fourth across a border."""
+    shape = 300, 700
+    field = np.indices([-(-size // step) for size in shape]).sum(axis=0) // 2 % 2
+    rows, columns = glance.regions(np.eye(4)[field].transpose(2, 0, 1), step, shape).cuts
+    assert (rows[0], rows[-1]) == (0, 300) and (columns[0], columns[-1]) == (0, 700)
+    for cuts in (rows, columns):
+        assert glance.REGION - glance.STEP <= np.diff(cuts).min()
+        assert np.diff(cuts).max() < 2 * glance.REGION
+    within, across = (columns[3] + columns[4]) // 2 // step, columns[2] // step
+    field[5:9, within : within + 4] = 2
+    field[5:9, across - 2 : across + 2] = 3
+    parts = glance.regions(np.eye(4)[field].transpose(2, 0, 1), step, shape)
+    assert parts.held[..., :2].all() and not parts.held[1:, :, 2:].any()
+    assert np.flatnonzero(parts.held[0, :, 2]).tolist() == [3]
+    assert np.flatnonzero(parts.held[0, :, 3]).tolist() == [1, 2]
+    for i, j in np.ndindex(parts.held.shape[:2]):
+        for row in (rows[i], rows[i + 1] - 1):
+            for column in (columns[j], columns[j + 1] - 1):
+                np.testing.assert_array_equal(parts.at(row, column), parts.held[i, j])
+
+
+def test_a_picture_smaller_than_two_parts_is_one():
+    parts = glance.regions(np.ones((4, 64, 96)) / 4, 2, (128, 191))
+    assert parts.cuts == ((0, 128), (0, 191)) and parts.held.shape == (1, 1, 4)
+    assert parts.held.all()
+
+
+def test_local_answers_each_part_by_what_it_holds(monkeypatch):
+    cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
+    monkeypatch.setattr(glance, "PATCHES", 24 * 36 // 4)
+    whole = decompose(cube, method="local", k=3)
+    monkeypatch.setattr(glance, "REGION", 12)
+    held, of = [], glance.regions
+    monkeypatch.setattr(glance, "regions", lambda *a: held.append(of(*a)) or held[-1])
+    d = decompose(cube, method="local", k=3)
+    (parts,) = held
+    seen = np.flatnonzero(whole.material_probability.any(axis=(1, 2)))
+    assert parts.held.shape == (2, 3, len(seen)) and not parts.held.all()
+    for i, j in np.ndindex(2, 3):
+        part = np.s_[12 * i : 12 * i + 12, 12 * j : 12 * j + 12]
+        there = np.isin(np.arange(30), seen[parts.held[i, j]])
+        p, all_p = (a.material_probability[:, *part] for a in (d, whole))
+        assert not p[~there].any() and np.isfinite(d.temperature_k).all()
+        np.testing.assert_allclose(p.sum(axis=0), 1, atol=1e-5)
+        same = whole.material[part] == d.material[part]
+        assert same[there[whole.material[part]]].all()  # the likeliest, if it may be there
+        same &= d.material[part] != d.material_names.index("sky")  # T of what may stand before it
+        np.testing.assert_array_equal(d.temperature_k[part][same], whole.temperature_k[part][same])
+        ratio = all_p[there] / all_p[there].sum(axis=0)
+        np.testing.assert_allclose(p[there], ratio, atol=1e-4)  # Bayes's rule for the others
+
+
 @pytest.mark.parametrize("at", range(4))
 def test_a_post_as_wide_as_the_gap_is_seen(at):
     """Two columns of a picture of which a glance takes two in four."""
@@ -86,7 +140,7 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
     monkeypatch.setattr(glance, "PATCHES", 24 * 36 // step**2)
     answered, there = [], []
 
-    def run(part, seen, expected):
+    def run(part, seen, expected, _):
         answered.append((part.shape, len(seen)))
         there.append(expected)
         of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
@@ -98,7 +152,7 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
     seen = np.flatnonzero(p.any(axis=(1, 2)))
     assert answered == [(afar, 30), ((24, 36), len(seen))] and len(seen) < 20
     assert there[0] is None and there[1].step == step
-    alone = run(cube, seen, there[1])
+    alone = run(cube, seen, there[1], None)
     np.testing.assert_array_equal(p[seen], alone["material_probability"])
     np.testing.assert_array_equal(maps["material"], seen[alone["material"]])
     np.testing.assert_array_equal(maps["temperature_k"], alone["temperature_k"])
@@ -116,13 +170,13 @@ def test_a_small_picture_is_answered_with_the_whole_library(side, expects):
     """The smallest, and where nobody makes use of it, without a glance."""
     cube = HeatCube(np.full((3, side, side), 7.0), [8.0, 9.0, 10.0], netd_k=0.05)
 
-    def look(part, seen, expected):
+    def look(part, seen, expected, _):
         p = np.zeros((5, *part.shape), np.float32)
         p[1] = 1
         return {"material_probability": p}
 
     shape, seen, expected = glance.answer(
-        lambda part, seen, expected: (part.shape, list(seen), expected), look, cube, 5, expects
+        lambda part, seen, expected, _: (part.shape, list(seen), expected), look, cube, 5, expects
     )
     assert shape == (side, side) and seen == [0, 1, 2, 3, 4]
     assert (expected is not None) == (side > 3 and expects)

@@ -58,6 +58,27 @@ def test_tiles_begin_where_cells_do(height, width, pixels, cell):
     np.testing.assert_allclose(tiled["mean"], means(image)["mean"], rtol=1e-12, atol=1e-12)
 
 
+@given(st.data())
+def test_no_tile_goes_beyond_a_cut_and_nothing_changes(data):
+    size = data.draw(st.tuples(st.integers(1, 40), st.integers(1, 40)))
+    cuts = tuple(
+        tuple(sorted({0, n} | data.draw(st.sets(st.integers(1, n), max_size=3)))) for n in size
+    )
+    image, inner = np.random.default_rng(0).integers(0, 1000, (3, *size)), []
+
+    def run(tile, part, corner):
+        start = np.add(corner, part[:2])
+        inner.append(list(zip(start, start + part[2:], strict=True)))
+        return windows(tile, part)
+
+    at_once, pixels = data.draw(st.integers(1, 3)), data.draw(st.integers(1, 900))
+    tiled = run_tiled(run, image, REACH, pixels, at_once=at_once, cuts=cuts)
+    np.testing.assert_array_equal(tiled["sum"], windows(image)["sum"])
+    for part in inner:
+        for (start, end), cut in zip(part, cuts, strict=True):
+            assert not any(start < c < end for c in cut)
+
+
 def test_one_at_a_time_stays_in_the_thread_of_the_caller():
     """numba and torch keep their number of threads by thread."""
     seen = []

@@ -26,20 +26,22 @@ HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
 
-def solve(cube, library, environment, smooth, report, lap):
+def solve(cube, library, environment, regions, smooth, report, lap):
     """Maps of a Decomposition by name, and "objective".
 
-    smooth  sgd, which needs the whole cube at once; else local, tile by tile
-    report  report(what) gives a progress(done, total) or None
-    lap     lap(stage) is called after each stage
+    regions  glance.Regions, whose materials alone local looks for; of all if None
+    smooth   sgd, which needs the whole cube at once; else local, tile by tile
+    report   report(what) gives a progress(done, total) or None
+    lap      lap(stage) is called after each stage
     """
     model = reduce_model(cube, library, environment)
     threads = numba.get_num_threads()
     solve_local(model, cube.pixels([0]), threads=1)  # compiled here, where it can be interrupted
 
-    def tile(part, *_):
+    def tile(part, _, corner):
         spectra = part.reshape(cube.bands, -1).T
-        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1)
+        among = regions and regions.at(*corner)
+        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1, among=among)
         answer = unsmoothed(local)
         return _maps(part, library, environment, model, local, answer, LOCAL_TRUST, 1)
 
@@ -57,7 +59,10 @@ def solve(cube, library, environment, smooth, report, lap):
             return maps | {"objective": answer.objective}
         each = BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands
         pixels = TILE_BYTES / threads / each
-        maps = run_tiled(tile, cube.radiance, 0, pixels, report("local"), at_once=threads)
+        maps = run_tiled(
+            tile, cube.radiance, 0, pixels, report("local"), at_once=threads,
+            cuts=regions and regions.cuts,
+        )  # fmt: skip
         lap("local")
         return maps
 

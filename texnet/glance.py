@@ -7,7 +7,8 @@ mean spectrum, of which noise is the less.
 What is not seen: a material with less than SHARE of the probability there (times how likely the
 likeliest is, in the mean), and nowhere with OWN of some neighbouring patches', is left out when all
 pixels are answered. That takes less time, in proportion to the materials, and spares the answer
-some that are rare and wrong. What is left out has probability zero.
+some that are rare and wrong. What is left out has probability zero. In a picture larger than a
+region, `local` looks in each of its regions only for what is seen there or a few patches around.
 
 What is seen: how likely a material is, there and in the whole picture, is what a network expects
 that looks at pixels and their near neighbours:
@@ -21,6 +22,8 @@ far to heed it, the network has learnt.
 """
 
 import math
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +35,7 @@ PATCH = 2  # pixels
 STEP = 4  # at most
 PATCHES = 5000  # of a glance, at least, if the picture allows; by fewer nothing is left out
 SHARE = 0.01  # where all is sure; where materials are in doubt, what is there has less
+REGION, AROUND = 96, 2  # pixels, of a region at least; patches
 NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
 LEAST_MATERIALS = 2  # to choose from
 HALF = 0.5  # of what comes from the same evidence as what it is added to
@@ -39,11 +43,29 @@ LEAST, LEAST_SHARE = 1e-3, 1e-4  # expected of any material: what is rare stays 
 SWEEPS = 3  # of the search for the shares
 
 
+class Regions(NamedTuple):
+    """The parts of a picture, side by side: cuts rows and columns between them, with the
+    picture's borders; held (parts down, parts across, materials) bool, which of the materials
+    seen in the picture each may hold."""
+
+    cuts: tuple[tuple[int, ...], tuple[int, ...]]
+    held: np.ndarray
+
+    def at(self, row, column):
+        """(materials,) bool of the part that a pixel is in."""
+        i, j = (
+            np.searchsorted(cuts, at, "right") - 1
+            for cuts, at in zip(self.cuts, (row, column), strict=True)
+        )
+        return self.held[i, j]
+
+
 def answer(run, look, cube, materials, expects):
     """Maps of a HeatCube by the materials that it holds, as if by all.
 
-    run        (cube, seen, expected) -> dict of maps by the materials of these indices, of which
-               that is Expected; or None where the picture is too small to be seen from afar
+    run        (cube, seen, expected, regions) -> dict of maps by the materials of these indices, of
+               which those are Expected and Regions; or None where the picture is too small to
+               be seen from afar, or for anything to be left out
     look       run of the glance, of which material_probability is wanted alone
     materials  how many there are
     expects    whether run makes use of what is expected
@@ -52,13 +74,14 @@ def answer(run, look, cube, materials, expects):
     step = int(math.sqrt(cube.radiance[0].size / PATCHES))
     enough = step >= PATCH
     if max(cube.shape) < 2 * PATCH or not (enough or expects):
-        return run(cube, every, None)
+        return run(cube, every, None, None)
     step = min(STEP, max(PATCH, step))
-    probability = look(from_afar(cube, step), every, None)["material_probability"]
-    seen = materials_seen(probability) if enough else every
-    maps = run(cube, seen, Expected(expected(probability)[seen], step))
+    probability = look(from_afar(cube, step), every, None, None)["material_probability"]
     if not enough:
-        return maps
+        return run(cube, every, Expected(expected(probability), step), None)
+    seen = materials_seen(probability)
+    parts = regions(probability[seen], step, cube.shape)
+    maps = run(cube, seen, Expected(expected(probability)[seen], step), parts)
     maps["material"] = seen.astype(maps["material"].dtype)[maps["material"]]
     maps["material_probability"] = _among_all(maps["material_probability"], seen, materials)
     return maps
@@ -96,6 +119,22 @@ def materials_seen(probability):
     seen = (share > SHARE * sure) | (own > OWN)
     seen[np.argsort(-share, kind="stable")[:LEAST_MATERIALS]] = True
     return np.flatnonzero(seen)
+
+
+def regions(probability, step, shape):
+    """Regions of a picture of that shape, of probability (materials, h, w) at its patches."""
+    cuts = tuple(
+        tuple(i * size // parts // STEP * STEP for i in range(parts)) + (size,)
+        for size, parts in ((size, max(1, size // REGION)) for size in shape)
+    )
+    rows, columns = (
+        [slice(max(0, a // step - AROUND), -(-b // step) + AROUND) for a, b in pairwise(c)]
+        for c in cuts
+    )
+    held = np.zeros((len(rows), len(columns), len(probability)), bool)
+    for i, j in np.ndindex(held.shape[:2]):
+        held[i, j, materials_seen(probability[:, rows[i], columns[j]])] = True
+    return Regions(cuts, held)
 
 
 def expected(probability):

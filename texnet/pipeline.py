@@ -167,7 +167,7 @@ def decompose(
 
             model = torch_model(method == "net+sgd")
 
-        def look(part, seen, expected, progress=None):
+        def look(part, seen, expected, _, progress=None):
             known = known_arrays(part, library, environment)
             of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
             return model(part.radiance, known | of_seen, progress, expected)
@@ -179,9 +179,9 @@ def decompose(
     else:
         from .exact import solve  # and so does numba
 
-        def run(part, seen, _, smooth=method == "sgd", report=report, lap=lap):
-            held = library.subset([library.names[i] for i in seen])
-            return solve(part, held, environment, smooth, report, lap)
+        def run(part, seen, _, regions, smooth=method == "sgd", report=report, lap=lap):
+            there = library.subset([library.names[i] for i in seen])
+            return solve(part, there, environment, regions, smooth, report, lap)
 
         look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
         with compiling(progress):
