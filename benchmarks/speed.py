@@ -2,8 +2,8 @@
 
     python -m benchmarks.speed --out DIR [--json]          (or: texnet bench speed)
 
-The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` at a
-quarter of the size, repeated), the starter library of 30 materials, an estimated environment of
+The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` of half
+the size on each side, repeated), the starter library of 30 materials, an estimated environment of
 k = 4 objects, two threads; to be run where there are two cores. In one run, in turn, so often
 repeated as stands in a row:
 
@@ -65,7 +65,7 @@ from texnet.network import stem
 from texnet.pipeline import decompose
 
 FRAME, BANDS, K, NETD_K, THREADS = (1080, 1920), 54, 4, 0.05, 2
-PIECE = 4  # times as large, on each side, is the frame as what was traced for it
+PIECE = 2  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 30
 PART, TILE = (544, 960), 224
 REPEATS = 3

@@ -11,6 +11,7 @@ import numpy as np
 import onnxruntime
 
 from physics.errors import InputError
+from physics.expected import among_all, only
 from physics.known import bytes_per_pixel
 from physics.tiles import TILE_BYTES, run_tiled
 
@@ -60,13 +61,14 @@ class Runtime:
         as_json = ("history", "meaning", "library", "halo_px", "cell_px", "limits")
         self.about = {k: json.loads(v) if k in as_json else v for k, v in about.items()}
 
-    def run(self, radiance, known, progress=None, expected=None):
+    def run(self, radiance, known, progress=None, expected=None, regions=None):
         """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
 
         radiance  (bands, height, width) W m-2 sr-1 um-1
         known     dict of arrays as `physics.known.known_arrays` makes it
         progress  called as progress(done, total) after each tile
         expected  physics.expected.Expected of the materials, or None
+        regions   physics.expected.Regions of the picture, or None: all materials everywhere
 
         material is int16, unknown bool, the others float32. Raises InputError where sizes do
         not agree or exceed what the file can take.
@@ -83,15 +85,17 @@ class Runtime:
         image = feeds.pop("radiance")
 
         def answer(tile, inner, corner):
+            held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
             if expected is None:
-                log_expected = np.zeros((materials, *tile.shape[1:]), np.float32)
+                log_expected = np.zeros((held.sum(), *tile.shape[1:]), np.float32)
             else:
-                log_expected = expected.of_tile(*corner, *tile.shape[1:])
+                log_expected = expected.of_tile(*corner, *tile.shape[1:], held)
             of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
-            return self._answer(feeds | of_tile)
+            return among_all(self._answer(only(feeds, held) | of_tile), held)
 
         halo, cell = self.about["halo_px"], self.about["cell_px"]
-        return run_tiled(answer, image, halo, pixels, progress, cell, self._threads)
+        cuts = regions and regions.cuts
+        return run_tiled(answer, image, halo, pixels, progress, cell, self._threads, cuts)
 
     def _answer(self, feeds):
         maps = zip(self._session.get_outputs(), self._session.run(None, feeds), strict=True)

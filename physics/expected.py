@@ -1,8 +1,10 @@
-"""Which materials are expected where: a coarse map, read off between its points."""
+"""Which materials are expected where, and which are looked for: what a glance tells a model."""
 
 from typing import NamedTuple
 
 import numpy as np
+
+from . import scratch
 
 
 class Expected(NamedTuple):
@@ -13,14 +15,48 @@ class Expected(NamedTuple):
     nats: np.ndarray
     step: int
 
-    def of_tile(self, top, left, height, width):
-        """(materials, height, width) of the tile that begins at a pixel; linear between
-        the points, constant beyond them."""
+    def of_tile(self, top, left, height, width, materials=slice(None)):
+        """(materials, height, width) of the tile that begins at a pixel, of some materials; linear
+        between the points, constant beyond them."""
         rows = _between(top, height, self.step, self.nats.shape[1])
         columns = _between(left, width, self.step, self.nats.shape[2])
         near = slice(rows[0][0], rows[1][-1] + 1)
         rows = rows[0] - near.start, rows[1] - near.start, rows[2][:, None]
-        return _linear(_linear(self.nats[:, near], columns, 2), rows, 1)
+        return _linear(_linear(self.nats[materials, near], columns, 2), rows, 1)
+
+
+class Regions(NamedTuple):
+    """The parts of a picture, side by side: cuts rows and columns between them, with the
+    picture's borders; held (parts down, parts across, materials) bool, which materials are looked
+    for in each, two at least."""
+
+    cuts: tuple[tuple[int, ...], tuple[int, ...]]
+    held: np.ndarray
+
+    def at(self, row, column):
+        """(materials,) bool: which are looked for where a pixel is."""
+        i, j = (
+            np.searchsorted(cuts, at, "right") - 1
+            for cuts, at in zip(self.cuts, (row, column), strict=True)
+        )
+        return self.held[i, j]
+
+
+def only(known, held):
+    """Known's fields (`physics.known`) with the materials that are held, a mask of all."""
+    return known | {name: known[name][held] for name in ("emissivity", "is_sky")}
+
+
+def among_all(maps, held):
+    """Maps by the materials that are held, a mask of all, -> by all, the others' probability 0."""
+    of_held, rows = maps["material_probability"], np.cumsum(held) - 1
+    every = scratch.empty((len(held), *of_held.shape[1:]), of_held.dtype)
+    for m, row in enumerate(rows):
+        every[m] = of_held[row] if held[m] else 0.0
+        scratch.release(every)
+        scratch.release(of_held)
+    material = np.flatnonzero(held).astype(maps["material"].dtype)[maps["material"]]
+    return maps | {"material": material, "material_probability": every}
 
 
 def _between(start, count, step, points):

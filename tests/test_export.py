@@ -22,7 +22,7 @@ from physics.evidence import Known
 from physics.expected import Expected
 from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, radiance
-from texnet.chunks import chunks_of
+from texnet.chunks import ANSWERED, chunks_of
 from texnet.learned import shipped_network, torch_model
 from texnet.model import TeXModel
 from texnet.network import TeXNet
@@ -131,7 +131,7 @@ def test_one_file_answers_as_torch_does(network, runtime, sizes):
 
 
 def test_some_of_them_come_in_chunks():
-    assert chunks_of(131 * 127, 20) > 1 and chunks_of(100**2, 20) > 1
+    assert chunks_of(131 * 127, 20, ANSWERED) > 1 and chunks_of(100**2, 20, ANSWERED) > 1
 
 
 def test_dtypes(runtime):

@@ -8,15 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import one_thread, traced  # noqa: F401
 
+from benchmarks import ONNX
+from export.runtime import Runtime
 from physics import HeatCube, MaterialLibrary
 from physics.estimate import estimate_environment
-from physics.expected import Expected
+from physics.expected import Expected, Regions, only
 from physics.known import known_arrays
 from texnet import glance
 from texnet.learned import torch_model
 from texnet.pipeline import decompose
 
 SHAPE = (160, 240)
+LEAST = 96  # pixels of a region on a side
+regions = partial(glance.regions, least=LEAST)
 
 
 def seen_of(field):
@@ -49,15 +53,14 @@ def test_each_part_holds_what_is_seen_in_it_or_close_by(step):
     """Two materials are everywhere, a third within a part, a fourth across a border."""
     shape = 300, 700
     field = np.indices([-(-size // step) for size in shape]).sum(axis=0) // 2 % 2
-    rows, columns = glance.regions(np.eye(4)[field].transpose(2, 0, 1), step, shape).cuts
+    rows, columns = regions(np.eye(4)[field].transpose(2, 0, 1), step, shape).cuts
     assert (rows[0], rows[-1]) == (0, 300) and (columns[0], columns[-1]) == (0, 700)
     for cuts in (rows, columns):
-        assert glance.REGION - glance.STEP <= np.diff(cuts).min()
-        assert np.diff(cuts).max() < 2 * glance.REGION
+        assert LEAST - glance.STEP <= np.diff(cuts).min() and np.diff(cuts).max() < 2 * LEAST
     within, across = (columns[3] + columns[4]) // 2 // step, columns[2] // step
     field[5:9, within : within + 4] = 2
     field[5:9, across - 2 : across + 2] = 3
-    parts = glance.regions(np.eye(4)[field].transpose(2, 0, 1), step, shape)
+    parts = regions(np.eye(4)[field].transpose(2, 0, 1), step, shape)
     assert parts.held[..., :2].all() and not parts.held[1:, :, 2:].any()
     assert np.flatnonzero(parts.held[0, :, 2]).tolist() == [3]
     assert np.flatnonzero(parts.held[0, :, 3]).tolist() == [1, 2]
@@ -68,7 +71,7 @@ def test_each_part_holds_what_is_seen_in_it_or_close_by(step):
 
 
 def test_a_picture_smaller_than_two_parts_is_one():
-    parts = glance.regions(np.ones((4, 64, 96)) / 4, 2, (128, 191))
+    parts = regions(np.ones((4, 64, 96)) / 4, 2, (128, 191))
     assert parts.cuts == ((0, 128), (0, 191)) and parts.held.shape == (1, 1, 4)
     assert parts.held.all()
 
@@ -96,6 +99,46 @@ def test_local_answers_each_part_by_what_it_holds(monkeypatch):
         np.testing.assert_array_equal(d.temperature_k[part][same], whole.temperature_k[part][same])
         ratio = all_p[there] / all_p[there].sum(axis=0)
         np.testing.assert_allclose(p[there], ratio, atol=1e-4)  # Bayes's rule for the others
+
+
+@pytest.mark.parametrize("model", [torch_model(), Runtime(ONNX, threads=2).run])
+def test_a_network_answers_each_part_as_if_nothing_else_were_in_the_library(model):
+    cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
+    library = MaterialLibrary.starter()
+    known = known_arrays(cube, library, estimate_environment(cube, library, 3))
+    held = np.random.default_rng(0).random((2, 3, 30)) < 0.3
+    parts = Regions(((0, 12, 24), (0, 12, 24, 36)), held)
+    nats = np.random.default_rng(1).normal(size=(30, 6, 9)).astype(np.float32)
+    maps = model(cube.radiance, known, None, Expected(nats, 4), parts)
+    for i, j in np.ndindex(2, 3):
+        part, there = np.s_[..., 12 * i : 12 * i + 12, 12 * j : 12 * j + 12], held[i, j]
+        alone = model(cube.radiance, only(known, there), None, Expected(nats[there], 4))
+        p = maps["material_probability"][part]
+        assert not p[~there].any()
+        np.testing.assert_allclose(p[there], alone["material_probability"][part], atol=1e-4)
+        same = maps["material"][part] == np.flatnonzero(there)[alone["material"][part]]
+        assert same.mean() > 0.98  # the others are as likely as another
+        off = (maps["temperature_k"] - alone["temperature_k"])[part][same]
+        np.testing.assert_allclose(off, 0, atol=0.01)
+
+
+@pytest.mark.parametrize("method", ["net", "net+sgd"])
+def test_each_part_of_a_large_picture_is_answered_by_what_a_glance_saw_there(method, monkeypatch):
+    cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
+    monkeypatch.setattr(glance, "PATCHES", 24 * 36 // 4)
+    monkeypatch.setattr(glance, "REGION_SEEN_AROUND", 12)
+    held, of = [], glance.regions
+    monkeypatch.setattr(glance, "regions", lambda *a: held.append(of(*a)) or held[-1])
+    d = decompose(cube, method=method, k=3)
+    (parts,) = held
+    assert parts.held.shape[:2] == (2, 3) and not parts.held.all()
+    seen = np.flatnonzero(d.material_probability.any(axis=(1, 2)))
+    assert len(seen) == parts.held.any(axis=(0, 1)).sum() < 30
+    for i, j in np.ndindex(2, 3):
+        p = d.material_probability[:, 12 * i : 12 * i + 12, 12 * j : 12 * j + 12]
+        there = np.isin(np.arange(30), seen[parts.held[i, j]])
+        assert not p[~there].any() and p[there].any(axis=(1, 2)).all()
+        np.testing.assert_allclose(p.sum(axis=0), 1, atol=1e-5)
 
 
 @pytest.mark.parametrize("at", range(4))
@@ -232,9 +275,9 @@ def test_the_network_is_told_what_the_glance_expects():
     cube, _ = traced("patterned")
     given = []
 
-    def model(radiance, known, progress=None, expected=None, told=True):
+    def model(radiance, known, progress=None, expected=None, regions=None, told=True):
         given.append((radiance.shape[1:], expected and expected.nats.shape))
-        return torch_model()(radiance, known, progress, expected if told else None)
+        return torch_model()(radiance, known, progress, expected if told else None, regions)
 
     d = decompose(cube, k=3, model=model)
     deaf = decompose(cube, k=3, model=partial(model, told=False))

@@ -312,7 +312,8 @@ def test_pixels_answered_in_chunks_are_answered_as_at_once(monkeypatch):
     cube, _ = under_a_sky(world)
     model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
     whole = model(world.known(), image)
-    monkeypatch.setattr("texnet.chunks.CHUNK", 50)
+    monkeypatch.setattr("texnet.model.SEEN", 50)
+    monkeypatch.setattr("texnet.model.ANSWERED", 70)
     for name, a, b in zip(whole._fields, whole, model(world.known(), image), strict=True):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
 

@@ -4,12 +4,14 @@ import torch
 from torch._higher_order_ops.scan import scan
 from torch.nn import functional
 
-CHUNK = 131_072  # pixels times materials: what they take on the way stays near the processor
+# pixels times materials of a chunk, so that what they take on the way stays near the processor: of
+# the evidence, which is most of it alike; of an answer, in many operations for few of its pixels
+SEEN, ANSWERED = 32_768, 131_072
 
 
-def chunks_of(pixels, materials):
-    """How many chunks are made of so many pixels."""
-    return (pixels * materials + CHUNK - 1) // CHUNK
+def chunks_of(pixels, materials, most):
+    """How many chunks, of at most so many pixels times materials, are made of so many pixels."""
+    return (pixels * materials + most - 1) // most
 
 
 def by_chunks(work, arrays, chunks):

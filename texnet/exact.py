@@ -29,7 +29,7 @@ BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 def solve(cube, library, environment, regions, smooth, report, lap):
     """Maps of a Decomposition by name, and "objective".
 
-    regions  glance.Regions, whose materials alone local looks for; of all if None
+    regions  physics.expected.Regions, whose materials alone local looks for; of all if None
     smooth   sgd, which needs the whole cube at once; else local, tile by tile
     report   report(what) gives a progress(done, total) or None
     lap      lap(stage) is called after each stage

@@ -23,41 +23,25 @@ far to heed it, the network has learnt.
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from physics import scratch
-from physics.expected import Expected
+from physics.expected import Expected, Regions, among_all
 from physics.heat_cube import HeatCube
 
 PATCH = 2  # pixels
 STEP = 4  # at most
 PATCHES = 5000  # of a glance, at least, if the picture allows; by fewer nothing is left out
 SHARE = 0.01  # where all is sure; where materials are in doubt, what is there has less
-REGION, AROUND = 96, 2  # pixels, of a region at least; patches
+# pixels, of a region at least, where neighbours are looked at (each tile's halo) and where not
+REGION_SEEN_AROUND, REGION = 128, 96
+AROUND = 2  # patches beyond a region whose materials it holds, too
 NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
 LEAST_MATERIALS = 2  # to choose from
 HALF = 0.5  # of what comes from the same evidence as what it is added to
 LEAST, LEAST_SHARE = 1e-3, 1e-4  # expected of any material: what is rare stays possible
 SWEEPS = 3  # of the search for the shares
-
-
-class Regions(NamedTuple):
-    """The parts of a picture, side by side: cuts rows and columns between them, with the
-    picture's borders; held (parts down, parts across, materials) bool, which of the materials
-    seen in the picture each may hold."""
-
-    cuts: tuple[tuple[int, ...], tuple[int, ...]]
-    held: np.ndarray
-
-    def at(self, row, column):
-        """(materials,) bool of the part that a pixel is in."""
-        i, j = (
-            np.searchsorted(cuts, at, "right") - 1
-            for cuts, at in zip(self.cuts, (row, column), strict=True)
-        )
-        return self.held[i, j]
 
 
 def answer(run, look, cube, materials, expects):
@@ -80,11 +64,10 @@ def answer(run, look, cube, materials, expects):
     if not enough:
         return run(cube, every, Expected(expected(probability), step), None)
     seen = materials_seen(probability)
-    parts = regions(probability[seen], step, cube.shape)
+    size = REGION_SEEN_AROUND if expects else REGION
+    parts = regions(probability[seen], step, cube.shape, size)
     maps = run(cube, seen, Expected(expected(probability)[seen], step), parts)
-    maps["material"] = seen.astype(maps["material"].dtype)[maps["material"]]
-    maps["material_probability"] = _among_all(maps["material_probability"], seen, materials)
-    return maps
+    return among_all(maps, np.isin(every, seen))
 
 
 def from_afar(cube, step):
@@ -121,11 +104,12 @@ def materials_seen(probability):
     return np.flatnonzero(seen)
 
 
-def regions(probability, step, shape):
-    """Regions of a picture of that shape, of probability (materials, h, w) at its patches."""
+def regions(probability, step, shape, least):
+    """Regions, of at least so many pixels a side, of a picture of that shape, of probability
+    (materials, h, w) at its patches."""
     cuts = tuple(
         tuple(i * size // parts // STEP * STEP for i in range(parts)) + (size,)
-        for size, parts in ((size, max(1, size // REGION)) for size in shape)
+        for size, parts in ((size, max(1, size // least)) for size in shape)
     )
     rows, columns = (
         [slice(max(0, a // step - AROUND), -(-b // step) + AROUND) for a, b in pairwise(c)]
@@ -154,14 +138,3 @@ def _weighted(probability, weight):
     """q (materials, n) of probability (materials, n)."""
     q = np.where(np.isfinite(probability), probability, 1) * weight[:, None]
     return q / q.sum(axis=0)
-
-
-def _among_all(probability, seen, materials):
-    """probability of the materials seen -> (materials, height, width), zero for the others."""
-    every = scratch.empty((materials, *probability.shape[1:]), probability.dtype)
-    row = dict(zip(seen, range(len(seen)), strict=True))
-    for m in range(materials):
-        every[m] = probability[row[m]] if m in row else 0.0
-        scratch.release(every)
-        scratch.release(probability)
-    return every

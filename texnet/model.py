@@ -32,7 +32,7 @@ from physics.refinement import (
     refine,
 )  # fmt: skip
 
-from .chunks import by_chunks, chunks_of
+from .chunks import ANSWERED, SEEN, by_chunks, chunks_of
 from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS
 from .network import TeXNet, log_add, stem
 
@@ -92,9 +92,9 @@ class TeXModel(nn.Module):
             own = self.network.own(known, code, s, expected)
             return own, s.t, s.lighting, air, s.log_evidence, s.log_pure, s.log_mixed
 
-        chunks = chunks_of(spectra.shape[1], known.is_sky.shape[0])
+        chunks = partial(chunks_of, spectra.shape[1], known.is_sky.shape[0])
         own, t, lighting, air, log_evidence, log_pure, log_mixed = by_chunks(
-            see, (spectra, expected), chunks
+            see, (spectra, expected), chunks(SEEN)
         )
         net = self.network.look_around(
             known, code, own, log_evidence, expected, t, lighting, shape
@@ -104,7 +104,8 @@ class TeXModel(nn.Module):
         if inner is not None:
             seen, shape = _cut(seen, shape, inner)
         answer = partial(_answer, known, h, b, self.steps)
-        tex = by_chunks(answer, seen, chunks)  # of a part too: torch knows only the tile's size
+        # of a part too: torch knows only the tile's size
+        tex = by_chunks(answer, seen, chunks(ANSWERED))
         return TeX(*(a.unflatten(-1, shape) for a in tex))
 
 

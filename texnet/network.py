@@ -203,7 +203,7 @@ class TeXNet(nn.Module):
         features = torch.cat([
             kernel @ contrast / bands, curve @ belief, curve @ soft, light @ s.lighting, scalars,
         ])  # fmt: skip
-        return functional.relu(self.inlet(features[None, :, :, None]))[0, :, :, 0]
+        return functional.relu(self.inlet(features[None, :, :, None])).flatten(2)[0]
 
     def look_around(
         self, known: Known, code: Code, own, log_evidence, expected, t, lighting, shape

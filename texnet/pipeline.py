@@ -19,6 +19,7 @@ from physics.bad_bands import without_bad_bands
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
+from physics.expected import only
 from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
@@ -114,8 +115,8 @@ def decompose(
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain: the cube cannot show it, so that temperature_sigma_k
                  holds it if stated
-    model        for net and net+sgd, run(radiance, known, progress, expected) -> maps, such as
-                 export.Runtime(FILE).run; the shipped weights in torch if None
+    model        for net and net+sgd, run(radiance, known, progress, expected, regions) -> maps,
+                 such as export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or method, k, seed or
@@ -167,10 +168,9 @@ def decompose(
 
             model = torch_model(method == "net+sgd")
 
-        def look(part, seen, expected, _, progress=None):
-            known = known_arrays(part, library, environment)
-            of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
-            return model(part.radiance, known | of_seen, progress, expected)
+        def look(part, seen, expected, regions, progress=None):
+            known = only(known_arrays(part, library, environment), seen)
+            return model(part.radiance, known, progress, expected, regions)
 
         maps = glance.answer(
             partial(look, progress=report("network")), look, cube, len(library), expects=True
