@@ -30,7 +30,9 @@ from .planck import brightness_temperature, radiance, radiance_derivative
 SAMPLES = 6000
 SKY_CLUSTERS = 12
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a cluster, if it is sky
-MISSING = 0.2  # of B(T_air) in the clearest band, for a cluster to be sky
+# of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
+# horizon; with fewer than three bands, where a grey body cannot be told from one, it must be more
+MISSING, MISSING_OF_FEW = 0.12, 0.2
 MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # of the sky's objects over the clearest visible sky, for k = 1, 2, 3 or 4, 5 and more
 AIR_MASS_RATIOS = ((), (0.6,), (0.4, 1.0), (0.4, 1.0), (0.2, 0.5, 1.0))
@@ -60,56 +62,76 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     pixels = cube.shape[0] * cube.shape[1]
     if k > pixels:
         raise InputError(f"environment: k = {k} objects need at least {k} pixels, got {pixels}.")
-    cube = cube.with_netd()
-    rng = np.random.default_rng(seed)
-    pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
-    spectra = cube.pixels(pick) / cube.sigma
-    if not lit(spectra).all():
-        raise InputError(
-            "environment: the cube has bands or pixels without light; leave such bands out, as "
-            "physics.bad_bands.without_bad_bands does."
-        )
-    # K-means begins with what comes first: in this order, that is no matter of where pixels lie
-    order = np.argsort(spectra.mean(axis=1), kind="stable")
-    spectra = spectra[order]
-    row = pick[order] // cube.shape[1] / cube.shape[0]
+    sample = Sample(cube, library, seed)
+    return sample.environment(k) if method == "kmeans" else sample.halves()
 
-    sky = sky_pixels(cube, library, spectra, row, seed)
-    sky_fields = {}
-    if sky.any():
-        mean = spectra[sky].mean(axis=0)
-        scatter = SKY_SPREAD_SCALE * _principal(spectra[sky] - mean)
-        sky_fields = dict(sky_mean=mean * cube.sigma, sky_spread=scatter * cube.sigma)
 
-    if method == "halves":
-        upper = row < 0.5
-        means = np.stack([spectra[upper].mean(axis=0), spectra[~upper].mean(axis=0)])
-        objects = (0,) if sky.any() else ()
+class Sample:
+    """Pixels of a HeatCube that environments of any k are estimated from: spectra (n, bands) in
+    noise units, row (n,) how far down they lie, 0..1, and sky (n,) which of them are sky.
+
+    Raises InputError for a band without light.
+    """
+
+    def __init__(self, cube, library, seed=0):
+        self.cube, self.library, self.seed = cube.with_netd(), library, seed
+        pixels = cube.shape[0] * cube.shape[1]
+        rng = np.random.default_rng(seed)
+        pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
+        spectra = self.cube.pixels(pick) / self.cube.sigma
+        if not lit(spectra).all():
+            raise InputError(
+                "environment: the cube has bands or pixels without light; leave such bands out, as "
+                "physics.bad_bands.without_bad_bands does."
+            )
+        # K-means begins with what comes first: in this order, that is no matter of where pixels lie
+        order = np.argsort(spectra.mean(axis=1), kind="stable")
+        self.spectra = spectra[order]
+        self.row = pick[order] // cube.shape[1] / cube.shape[0]
+        self.sky = sky_pixels(self.cube, library, self.spectra, self.row, seed)
+
+    def environment(self, k):
+        """Environment of k objects by K-means, those of the sky first."""
+        cube, spectra, sky = self.cube, self.spectra, self.sky
+        ratios = AIR_MASS_RATIOS[min(k - 1, len(AIR_MASS_RATIOS) - 1)] if sky.any() else ()
+        ground = spectra[~sky] if (~sky).any() else spectra
+        # one small hot object shall not take an environment object from all others
+        cut = int(EXTREMES * len(ground))
+        ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
+        fit = _clusters(ground, k - len(ratios), 3, self.seed)
+        means = fit.cluster_centers_
+        spread, skylight = _principal(ground - means[fit.labels_]), None
+        if ratios:
+            cold = spectra[sky].mean(axis=1)
+            seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
+            zenith = _transmittance(cube, self.library).mean(axis=1)
+            visible = spectra[sky] * cube.sigma
+            skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith)
+            skies = skies / cube.sigma
+            deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
+            means = np.concatenate([skies.mean(axis=0), means])
+            skylight = _principal(deviations) * cube.sigma
         return Environment(
-            means * cube.sigma, cube.wavelength_um, objects, error_k=ERROR_K, **sky_fields
-        )
+            means * cube.sigma, cube.wavelength_um, tuple(range(len(ratios))), spread * cube.sigma,
+            skylight, ERROR_K, **self._of_sky(),
+        )  # fmt: skip
 
-    ratios = AIR_MASS_RATIOS[min(k - 1, len(AIR_MASS_RATIOS) - 1)] if sky.any() else ()
-    ground = spectra[~sky] if (~sky).any() else spectra
-    # one small hot object shall not take an environment object from all others
-    cut = int(EXTREMES * len(ground))
-    ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
-    fit = _clusters(ground, k - len(ratios), 3, seed)
-    means = fit.cluster_centers_
-    spread, skylight = _principal(ground - means[fit.labels_]), None
-    if ratios:
-        cold = spectra[sky].mean(axis=1)
-        seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
-        zenith = _transmittance(cube, library).mean(axis=1)
-        visible = spectra[sky] * cube.sigma
-        skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith) / cube.sigma
-        deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
-        means = np.concatenate([skies.mean(axis=0), means])
-        skylight = _principal(deviations) * cube.sigma
-    return Environment(
-        means * cube.sigma, cube.wavelength_um, tuple(range(len(ratios))), spread * cube.sigma,
-        skylight, ERROR_K, **sky_fields,
-    )  # fmt: skip
+    def halves(self):
+        """Environment of the averages of the picture's upper and lower half."""
+        upper = self.row < 0.5
+        means = np.stack([self.spectra[upper].mean(axis=0), self.spectra[~upper].mean(axis=0)])
+        return Environment(
+            means * self.cube.sigma, self.cube.wavelength_um, (0,) if self.sky.any() else (),
+            error_k=ERROR_K, **self._of_sky(),
+        )  # fmt: skip
+
+    def _of_sky(self):
+        if not self.sky.any():
+            return {}
+        sky, sigma = self.spectra[self.sky], self.cube.sigma
+        mean = sky.mean(axis=0)
+        scatter = SKY_SPREAD_SCALE * _principal(sky - mean)
+        return dict(sky_mean=mean * sigma, sky_spread=scatter * sigma)
 
 
 def sky_pixels(cube, library, spectra, row, seed):
@@ -125,8 +147,8 @@ def sky_pixels(cube, library, spectra, row, seed):
     missing = np.array([_missing(cube.wavelength_um, c, opacity, scene_k) for c in centres])
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
     missing[height > row.mean()] = 0.0
-    sky = (missing > max(MISSING, MISSING_RATIO * missing.max()))[fit.labels_]
-    return sky
+    least = MISSING if cube.bands > 2 else MISSING_OF_FEW
+    return (missing > max(least, MISSING_RATIO * missing.max()))[fit.labels_]
 
 
 def _transmittance(cube, library):

@@ -18,7 +18,7 @@ was then off by a fifth more in the mean at 54 bands, and by half as much again 
 
 import numpy as np
 
-from .estimate import estimate_environment
+from .estimate import Sample
 from .local import solve_local
 from .reduced import reduce_model
 
@@ -31,12 +31,10 @@ def supported_count(cube, library, seed=0):
     pixels = cube.shape[0] * cube.shape[1]
     pick = np.random.default_rng([seed, 1]).permutation(pixels)[:SAMPLES]
     spectra = cube.pixels(np.sort(pick)).astype(np.float32)
-    found = {}
-    for k in range(1, min(MOST, pixels) + 1):
-        environment = estimate_environment(cube, library, k, seed=seed)
-        if k < min(UNDER_SKY, pixels) and environment.sky_mean is not None:
-            continue
-        found[k] = free_energy(cube, library, environment, spectra)
+    sample, found = Sample(cube, library, seed), {}
+    least = min(UNDER_SKY, pixels) if sample.sky.any() else 1
+    for k in range(least, min(MOST, pixels) + 1):
+        found[k] = free_energy(cube, library, sample.environment(k), spectra)
         best = min(found, key=lambda k: found[k].mean())
         if k - best >= PATIENCE:
             break

@@ -6,7 +6,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
-from physics.bands import quadrature
+from physics.bands import equidistant_bands, quadrature
 from physics.distill import distill
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, radiance
@@ -65,6 +65,27 @@ def test_the_sky_is_found_through_wide_filters_with_a_strong_line_in_them(centre
     e = estimate_environment(cube, LIBRARY)
     assert e.sky
     np.testing.assert_allclose(e.sky_mean, s[:600].mean(axis=0), rtol=0.05)
+
+
+@pytest.mark.parametrize("water_cm, low, high", [(2.5, 0.06, 0.1), (3.0, 0.08, 0.13)])
+def test_a_humid_sky_low_above_the_horizon_is_found(water_cm, low, high):
+    """Where it is clearest, seven eighths of it are as opaque as the ground; a black wall as warm
+    as the air is none."""
+    w, fwhm = equidistant_bands(24)
+    rng = np.random.default_rng(0)
+    height = rng.uniform(low, high, 300)  # cosines of zenith angles
+    warm, grey = rng.normal(299, 2, (900, 1)), np.linspace(0.9, 1, 900)
+    s = np.empty((1200, len(w)))
+    for band, fine in enumerate(quadrature(w, fwhm)):
+        s[:300, band] = sky_radiance(fine, height, Atmosphere(298.0, water_cm)).mean(axis=1)
+        s[300:, band] = grey * radiance(fine, warm).mean(axis=1)
+    s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
+    e = estimate_environment(HeatCube(s.T.reshape(len(w), 40, 30), w, fwhm, 0.05), LIBRARY)
+    assert e.sky
+    np.testing.assert_allclose(e.sky_mean, s[:300].mean(axis=0), rtol=0.05)
+    s[:300] = radiance(w, 298.0) + noise_sigma(w, 0.05) * rng.normal(size=(300, len(w)))
+    e = estimate_environment(HeatCube(s.T.reshape(len(w), 40, 30), w, fwhm, 0.05), LIBRARY)
+    assert not e.sky
 
 
 @pytest.mark.parametrize("bands", [3, 9, 24])
