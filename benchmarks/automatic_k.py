@@ -2,7 +2,7 @@
 
     python -m benchmarks.automatic_k --out DIR
 
-Twelve random scenes of the test split, as in `accuracy` (54 bands, 50 mK, the whole starter
+The random scenes of the test split, as in `accuracy` (54 bands, 50 mK, the whole starter
 library, net+sgd in ONNX Runtime): every fixed k and auto, the search for it in its time. Writes
 automatic_k.csv, one row per scene and k, and prints the means over the scenes.
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, test_scenes
+from benchmarks.accuracy import NETD_K, RANDOM_SCENES, test_scenes
 from benchmarks.rows import write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
@@ -33,7 +33,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--bands", type=int, default=54)
-    parser.add_argument("--scenes", type=int, default=12)
+    parser.add_argument("--scenes", type=int, default=RANDOM_SCENES)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     library, run, rows = MaterialLibrary.starter(), Runtime(ONNX, threads=2).run, []
