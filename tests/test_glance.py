@@ -126,7 +126,7 @@ def test_a_network_answers_each_part_as_if_nothing_else_were_in_the_library(mode
 def test_each_part_of_a_large_picture_is_answered_by_what_a_glance_saw_there(method, monkeypatch):
     cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
     monkeypatch.setattr(glance, "PATCHES", 24 * 36 // 4)
-    monkeypatch.setattr(glance, "REGION_SEEN_AROUND", 12)
+    monkeypatch.setattr(glance, "NET_REGION", 12)
     held, of = [], glance.regions
     monkeypatch.setattr(glance, "regions", lambda *a: held.append(of(*a)) or held[-1])
     d = decompose(cube, method=method, k=3)

@@ -34,8 +34,8 @@ PATCH = 2  # pixels
 STEP = 4  # at most
 PATCHES = 5000  # of a glance, at least, if the picture allows; by fewer nothing is left out
 SHARE = 0.01  # where all is sure; where materials are in doubt, what is there has less
-# pixels, of a region at least, where neighbours are looked at (each tile's halo) and where not
-REGION_SEEN_AROUND, REGION = 128, 96
+# pixels on a side of a region, at least; more where each tile looks at a halo around itself, too
+NET_REGION, REGION = 128, 96
 AROUND = 2  # patches beyond a region whose materials it holds, too
 NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
 LEAST_MATERIALS = 2  # to choose from
@@ -64,7 +64,7 @@ def answer(run, look, cube, materials, expects):
     if not enough:
         return run(cube, every, Expected(expected(probability), step), None)
     seen = materials_seen(probability)
-    size = REGION_SEEN_AROUND if expects else REGION
+    size = NET_REGION if expects else REGION
     parts = regions(probability[seen], step, cube.shape, size)
     maps = run(cube, seen, Expected(expected(probability)[seen], step), parts)
     return among_all(maps, np.isin(every, seen))
