@@ -5,7 +5,7 @@ from torch._higher_order_ops.scan import scan
 from torch.nn import functional
 
 # pixels times materials of a chunk, so that what they take on the way stays near the processor: of
-# the evidence, a few operations on much; of the answer, a thousand on little, whose start costs, too
+# the evidence, a few operations on much; of the answer, a thousand on little, whose start costs
 SEEN, ANSWERED = 32_768, 131_072
 
 
