@@ -1,4 +1,4 @@
-"""Could any sigma of T hold 68 % of the errors within one and 95 % within two?
+"""Could another sigma of T hold 68 % of the errors within one and 95 % within two?
 
     python -m benchmarks.sigma --out DIR [--bands N ...] [--scenes N]
 
@@ -28,7 +28,7 @@ from physics.simulator.presets import preset
 from texnet.metrics import non_sky
 from texnet.pipeline import decompose
 
-SEED = 6_000_000  # of no split
+SEED = 6_000_000  # of no split; some were used for tuning
 ONE, TWO = 0.6827, 0.9545  # of a Gaussian's errors within one sigma and two
 LEAST_K = 1e-3  # of an error, whose logarithm is learned
 
@@ -42,13 +42,13 @@ def features(d):
     ).reshape(*a.shape, 9)
     of_same = near(d.material) == d.material[..., None]
     off = np.abs(near(t) - t[..., None])
-    of_others = np.delete(of_same, 4, axis=-1)
+    same_beside = np.delete(of_same, 4, axis=-1)
     mean = (near(t) * of_same).sum(-1) / of_same.sum(-1)
     return np.stack([
         d.temperature_sigma_k, near(d.temperature_sigma_k).min(-1),
         near(d.temperature_sigma_k).mean(-1), near(t).std(-1), off.max(-1),
-        np.where(of_others, np.delete(off, 4, axis=-1), np.inf).min(-1).clip(max=off.max(-1)),
-        np.abs(t - mean), np.abs(t - np.median(near(t), -1)), of_others.sum(-1), p,
+        np.where(same_beside, np.delete(off, 4, axis=-1), np.inf).min(-1).clip(max=off.max(-1)),
+        np.abs(t - mean), np.abs(t - np.median(near(t), -1)), same_beside.sum(-1), p,
         near(p).mean(-1), near(p).min(-1), d.residual, d.unknown,
     ])  # fmt: skip
 

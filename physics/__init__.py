@@ -29,7 +29,7 @@ semiglobal   Eq. 6 with smoothness of T and m
 identifiability  Fisher information and the Cramer-Rao bound
 filters      which bands tell materials and temperatures best
 known        what the network is told of a scene
-expected     which materials are expected where, from afar
+expected     which materials are expected where, from afar, and which are looked for
 evidence     every material's evidence at once, by Gaussian priors
 refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses
 threads      many items, some at a time

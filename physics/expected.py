@@ -28,7 +28,8 @@ class Expected(NamedTuple):
 class Regions(NamedTuple):
     """The parts of a picture, side by side: cuts rows and columns between them, with the
     picture's borders; held (parts down, parts across, materials) bool, which materials are looked
-    for in each, two at least."""
+    for in each, two at least. Nothing checks them; cuts but the last must be multiples of a
+    network's cell."""
 
     cuts: tuple[tuple[int, ...], tuple[int, ...]]
     held: np.ndarray
@@ -43,7 +44,7 @@ class Regions(NamedTuple):
 
 
 def only(known, held):
-    """Known's fields (`physics.known`) with the materials that are held, a mask of all."""
+    """Known's fields (`physics.known`) with the materials held: a mask of all, or indices."""
     return known | {name: known[name][held] for name in ("emissivity", "is_sky")}
 
 

@@ -69,7 +69,7 @@ def test_the_sky_is_found_through_wide_filters_with_a_strong_line_in_them(centre
 
 @pytest.mark.parametrize("water_cm, low, high", [(2.5, 0.06, 0.1), (3.0, 0.08, 0.13)])
 def test_a_humid_sky_low_above_the_horizon_is_found(water_cm, low, high):
-    """Where it is clearest, seven eighths of it are as opaque as the ground; a black wall as warm
+    """Where it is clearest, four fifths of it are as opaque as the ground; a black wall as warm
     as the air is none."""
     w, fwhm = equidistant_bands(24)
     rng = np.random.default_rng(0)

@@ -233,6 +233,12 @@ def test_what_is_seen_everywhere_is_expected_and_nothing_is_impossible():
     assert (expected > -3.5).all()  # a factor of thirty or so
 
 
+def test_what_is_no_number_hides_no_material():
+    p = np.eye(12, dtype=np.float32)[np.repeat([[0, 3, 5]], 9, axis=0)].transpose(2, 0, 1).copy()
+    p[:, 2, 1] = np.nan
+    assert list(glance.materials_seen(p)) == [0, 3, 5]
+
+
 def test_what_is_no_number_spoils_no_other_patch():
     p = np.random.default_rng(0).dirichlet(np.ones(4), size=(6, 8)).transpose(2, 0, 1)
     whole = glance.expected(p)

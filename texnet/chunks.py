@@ -10,7 +10,7 @@ SEEN, ANSWERED = 32_768, 131_072
 
 
 def chunks_of(pixels, materials, most):
-    """How many chunks, of at most so many pixels times materials, are made of so many pixels."""
+    """How many chunks, of about so many pixels times materials, are made of so many pixels."""
     return (pixels * materials + most - 1) // most
 
 

@@ -7,8 +7,9 @@ mean spectrum, of which noise is the less.
 What is not seen: a material with less than SHARE of the probability there (times how likely the
 likeliest is, in the mean), and nowhere with OWN of some neighbouring patches', is left out when all
 pixels are answered. That takes less time, in proportion to the materials, and spares the answer
-some that are rare and wrong. What is left out has probability zero. In a picture larger than a
-region, `local` looks in each of its regions only for what is seen there or a few patches around.
+some that are rare and wrong. What is left out has probability zero. In a picture of two
+regions or more on a side, each is looked at only for what is seen there or a few patches around
+(by all methods but `sgd`, which needs the whole at once).
 
 What is seen: how likely a material is, there and in the whole picture, is what a network expects
 that looks at pixels and their near neighbours:
@@ -90,7 +91,9 @@ def _patches(band, step):
 
 
 def materials_seen(probability):
-    """Ascending indices of the materials seen, of probability (materials, h, w)."""
+    """Ascending indices of the materials seen, of probability (materials, h, w), in which what is
+    no number says nothing."""
+    probability = np.where(np.isfinite(probability), probability, 0)
     rows, columns = (min(NEAR, size) for size in probability.shape[1:])
     height, width = (n // NEAR * NEAR or n for n in probability.shape[1:])
     near = probability[:, :height, :width].reshape(

@@ -52,7 +52,7 @@ class Decomposition:
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the stated
                           calibration included; 15 K and more where the pixel is saturated
-    material_probability  (materials, height, width); zero what `glance` did not see
+    material_probability  (materials, height, width); zero what `glance` did not see there
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, no material is likely enough (`doubt`), only the neighbours
                           speak for the one given, or the pixel is saturated
