@@ -81,8 +81,11 @@ class Runtime:
             raise InputError(
                 f"model: expected must be of {materials} materials, got {len(expected.nats)}."
             )
+        halo, cell = self.about["halo_px"], self.about["cell_px"]
         pixels = TILE_BYTES / 2 / bytes_per_pixel(feeds)
         image = feeds.pop("radiance")
+        if regions is not None:
+            regions.check(image.shape[1:], materials, cell)
 
         def answer(tile, inner, corner):
             held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
@@ -93,7 +96,6 @@ class Runtime:
             of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
             return among_all(self._answer(only(feeds, held) | of_tile), held)
 
-        halo, cell = self.about["halo_px"], self.about["cell_px"]
         cuts = regions and regions.cuts
         return run_tiled(answer, image, halo, pixels, progress, cell, self._threads, cuts)
 

@@ -1,10 +1,12 @@
 """Which materials are expected where, and which are looked for: what a glance tells a model."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from . import scratch
+from .errors import InputError
 
 
 class Expected(NamedTuple):
@@ -28,8 +30,7 @@ class Expected(NamedTuple):
 class Regions(NamedTuple):
     """The parts of a picture, side by side: cuts rows and columns between them, with the
     picture's borders; held (parts down, parts across, materials) bool, which materials are looked
-    for in each, two at least. Nothing checks them; cuts but the last must be multiples of a
-    network's cell."""
+    for in each, two at least."""
 
     cuts: tuple[tuple[int, ...], tuple[int, ...]]
     held: np.ndarray
@@ -41,6 +42,21 @@ class Regions(NamedTuple):
             for cuts, at in zip(self.cuts, (row, column), strict=True)
         )
         return self.held[i, j]
+
+    def check(self, shape, materials, cell):
+        """Raise InputError unless these are regions of a picture of that shape and so many
+        materials, which begin at multiples of a cell."""
+        for cuts, size in zip(self.cuts, shape, strict=True):
+            grows = all(a < b for a, b in pairwise(cuts))
+            if not (grows and cuts[0] == 0 and cuts[-1] == size):
+                raise InputError(f"regions: cuts must ascend from 0 to {size}, got {cuts}.")
+            if any(c % cell for c in cuts[:-1]):
+                raise InputError(f"regions: cuts must be multiples of {cell}, got {cuts}.")
+        wanted = *(len(cuts) - 1 for cuts in self.cuts), materials
+        if self.held.shape != wanted:
+            raise InputError(f"regions: held must be {wanted}, got {self.held.shape}.")
+        if self.held.sum(axis=-1).min() < 2:
+            raise InputError("regions: each must hold two materials at least.")
 
 
 def only(known, held):

@@ -10,7 +10,7 @@ from traced import one_thread, traced  # noqa: F401
 
 from benchmarks import ONNX
 from export.runtime import Runtime
-from physics import HeatCube, MaterialLibrary
+from physics import HeatCube, InputError, MaterialLibrary
 from physics.estimate import estimate_environment
 from physics.expected import Expected, Regions, only
 from physics.known import known_arrays
@@ -120,6 +120,29 @@ def test_a_network_answers_each_part_as_if_nothing_else_were_in_the_library(mode
         assert same.mean() > 0.98  # the others are as likely as another
         off = (maps["temperature_k"] - alone["temperature_k"])[part][same]
         np.testing.assert_allclose(off, 0, atol=0.01)
+
+
+ALL = np.ones((1, 1, 30), bool)
+ONE = np.eye(30, dtype=bool)[:1, None]
+
+
+@pytest.mark.parametrize("model", [torch_model(), Runtime(ONNX, threads=2).run])
+@pytest.mark.parametrize(
+    "cuts, held, says",
+    [
+        (((0, 20), (0, 36)), ALL, "from 0 to 24"),
+        (((0, 24), (0, 36, 36)), ALL, "must ascend"),
+        (((0, 7, 24), (0, 36)), np.ones((2, 1, 30), bool), "multiples of 2"),
+        (((0, 24), (0, 36)), ALL[..., 1:], "held must be"),
+        (((0, 24), (0, 36)), ONE, "two materials at least"),
+    ],
+)
+def test_parts_that_are_not_the_pictures_are_refused(model, cuts, held, says):
+    cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
+    library = MaterialLibrary.starter()
+    known = known_arrays(cube, library, estimate_environment(cube, library, 3))
+    with pytest.raises(InputError, match=says):
+        model(cube.radiance, known, regions=Regions(cuts, held))
 
 
 @pytest.mark.parametrize("method", ["net", "net+sgd"])

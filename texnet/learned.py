@@ -35,7 +35,9 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
 
     def run(radiance, known, progress=None, expected=None, regions=None):
         known = {name: torch.from_numpy(a).to(device) for name, a in known.items()}
-        materials = len(known["is_sky"])
+        materials, cell = len(known["is_sky"]), network.config["stride"]
+        if regions is not None:
+            regions.check(radiance.shape[1:], materials, cell)
 
         def tile(part, inner, corner):
             held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
@@ -48,7 +50,6 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
             maps = {name: a.cpu().numpy() for name, a in zip(TeX._fields, answer, strict=True)}
             return among_all(maps | {"material": maps["material"].astype("int16")}, held)
 
-        cell = network.config["stride"]
         pixels, cuts = TILE_BYTES / bytes_per_pixel(known), regions and regions.cuts
         return run_tiled(tile, radiance, network.halo, pixels, progress, cell, cuts=cuts)
 
