@@ -2,7 +2,8 @@
 
 1. Sky. Twelve K-means clusters of the spectra are compared with the library's sky: at
    air mass a and air temperature T a clear sky radiates about B(T) (1 - t^a), t being
-   the zenith transmittance 1 - e_sky. A cluster is sky if this fits clearly better than
+   the zenith transmittance, which is 1 - e_sky times that of the vapour that the library's
+   sky has less. A cluster is sky if this fits clearly better than
    a grey body, if about as much of B(T) is missing in its clearest band as in the clearest
    cluster's, and if it lies in the picture's upper half (a car's bonnet mirrors the sky, but
    from below).
@@ -24,18 +25,22 @@ from .bands import quadrature
 from .environment import Environment
 from .errors import InputError
 from .heat_cube import lit
-from .overhead import overhead
+from .overhead import air_temperature, least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
+from .sky import continuum
 
 SAMPLES = 6000
 SKY_CLUSTERS = 12
-AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a cluster, if it is sky
+AIR_MASSES = np.geomspace(0.1, 40, 40)  # of a cluster, if it is sky
+MORE_VAPOUR = (0.0, 0.2, 0.6)  # than the library's sky has: its continuum's zenith depth at 11 um
+SKY_OVER_GREY = 0.5  # misfit of the best sky over that of the best grey body, at most
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with fewer than three bands, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, 0.2
 MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
-# of the sky's objects over the clearest visible sky, for k = 1, 2, 3 or 4, 5 and more
-AIR_MASS_RATIOS = ((), (0.6,), (0.4, 1.0), (0.4, 1.0), (0.2, 0.5, 1.0))
+# the sky's objects, 0 being the clearest sky in view and 1 the clearest overhead, by the logarithm
+# of the air mass; for k = 1, 2, 3 or 4, 5 and more
+SKY_OBJECTS = ((), (0.3,), (0.6, 0.0), (0.6, 0.0), (1.0, 0.4, 0.0))
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
 ERROR_K = 0.3  # of X beyond all that
@@ -93,26 +98,29 @@ class Sample:
     def environment(self, k):
         """Environment of k objects by K-means, those of the sky first."""
         cube, spectra, sky = self.cube, self.spectra, self.sky
-        ratios = AIR_MASS_RATIOS[min(k - 1, len(AIR_MASS_RATIOS) - 1)] if sky.any() else ()
+        objects = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)] if sky.any() else ()
         ground = spectra[~sky] if (~sky).any() else spectra
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
-        fit = _clusters(ground, k - len(ratios), 3, self.seed)
+        fit = _clusters(ground, k - len(objects), 3, self.seed)
         means = fit.cluster_centers_
         spread, skylight = _principal(ground - means[fit.labels_]), None
-        if ratios:
+        if objects:
             cold = spectra[sky].mean(axis=1)
             seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
             zenith = _transmittance(cube, self.library).mean(axis=1)
             visible = spectra[sky] * cube.sigma
+            air_k = air_temperature(cube.wavelength_um, visible, seen)
+            least = least_ratio(cube.wavelength_um, cube.fwhm_um, seen, air_k)
+            ratios = least ** np.array(objects)
             skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith)
             skies = skies / cube.sigma
             deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
             means = np.concatenate([skies.mean(axis=0), means])
             skylight = _principal(deviations) * cube.sigma
         return Environment(
-            means * cube.sigma, cube.wavelength_um, tuple(range(len(ratios))), spread * cube.sigma,
+            means * cube.sigma, cube.wavelength_um, tuple(range(len(objects))), spread * cube.sigma,
             skylight, ERROR_K, **self._of_sky(),
         )  # fmt: skip
 
@@ -139,8 +147,7 @@ def sky_pixels(cube, library, spectra, row, seed):
     sky = np.zeros(len(spectra), bool)
     if library.sky_index is None:
         return sky
-    masses = AIR_MASSES[:, None, None]
-    opacity = 1 - (_transmittance(cube, library) ** masses).mean(axis=-1)
+    opacity = _opacities(cube, library)
     fit = _clusters(spectra, SKY_CLUSTERS, 1, seed)
     centres = fit.cluster_centers_ * cube.sigma
     scene_k = np.median(brightness_temperature(cube.wavelength_um, centres))
@@ -149,6 +156,17 @@ def sky_pixels(cube, library, spectra, row, seed):
     missing[height > row.mean()] = 0.0
     least = MISSING if cube.bands > 2 else MISSING_OF_FEW
     return (missing > max(least, MISSING_RATIO * missing.max()))[fit.labels_]
+
+
+def _opacities(cube, library):
+    """(skies, bands) of the library's sky with more vapour, at all AIR_MASSES."""
+    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    vapour = continuum(nodes) / continuum(11.0)
+    zenith = _transmittance(cube, library)
+    skies = [
+        (zenith * np.exp(-more * vapour)) ** AIR_MASSES[:, None, None] for more in MORE_VAPOUR
+    ]
+    return 1 - np.concatenate(skies).mean(axis=-1)
 
 
 def _transmittance(cube, library):
@@ -160,7 +178,7 @@ def _transmittance(cube, library):
 
 def _missing(wavelength_um, spectrum, opacity, scene_k):
     """How far below B(T_air) a sky-like spectrum falls in its clearest band, 0..1; 0 where a
-    grey body fits about as well as a sky, of opacity (air masses, bands)."""
+    grey body fits nearly as well as a sky, of opacity (skies, bands)."""
     t = brightness_temperature(wavelength_um, spectrum)
     air_k = np.linspace(t.max() - 2, max(t.max() + 12, scene_k), 20)[:, None, None]
     glow = radiance(wavelength_um, air_k)
@@ -172,7 +190,7 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
 
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
-    return 1 - opacity[j].min() if sky < 0.8 * grey or wavelength_um.size < 3 else 0.0
+    return 1 - opacity[j].min() if sky < SKY_OVER_GREY * grey or wavelength_um.size < 3 else 0.0
 
 
 def _clusters(spectra, k, starts, seed):

@@ -11,11 +11,16 @@ flanks do not. The visible sky spans a range of air masses; across its pixels lo
 with slope b against log tau of all bands (the clearest band having 1). With tau_1 a^b known for the
 clearest sky in view, a smaller air mass follows. Where T_air's doubt or the noise leaves b open,
 b is near what transmittance at the zenith suggests.
+
+How far it is from the sky in view to the zenith, the windows say: how many times more they absorb
+than the air overhead would that is as warm and half as humid as can be.
 """
 
 import numpy as np
 
+from .bands import quadrature
 from .planck import brightness_temperature, radiance, radiance_derivative
+from .sky import usual_atmosphere, zenith_optical_depth
 
 AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of T_air over what most of the visible sky's opaque band shows
 OPAQUE_QUANTILE = 0.95  # that most
@@ -24,6 +29,9 @@ OPAQUE_GROWTH, GROWTH_DOUBT = 0.5, 0.15  # b of an opaque band, and how well b i
 DARKEST, CLEAREST = 0.02, 0.999  # transmittances between which log tau can be told
 CLEAR_QUANTILE = 0.9  # of the bands' b: that of the windows, 1 by definition
 LEAST_GROWTH, MOST_GROWTH = 0.3, 1.05
+WINDOWS = 0.3  # of the bands, the clearest
+OVERHEAD = 0.6  # air masses of the clearest sky
+IN_VIEW = 3.0  # and of the clearest sky in view, at least
 
 
 def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance):
@@ -33,10 +41,7 @@ def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance):
     their standard deviation and seen (bands,) the spectrum to start from, W m-2 sr-1 um-1;
     zenith_transmittance (bands,) about. One sky per AIR_EXCESS_K.
     """
-    warmest = brightness_temperature(wavelength_um, sky).max(axis=1)
-    air_k = max(
-        np.quantile(warmest, OPAQUE_QUANTILE), brightness_temperature(wavelength_um, seen).max()
-    )
+    air_k = air_temperature(wavelength_um, sky, seen)
     skies = []
     for excess in AIR_EXCESS_K:
         glow = radiance(wavelength_um, air_k + excess)
@@ -44,6 +49,25 @@ def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance):
         tau = -np.log1p(-seen / glow)
         skies.append(glow * -np.expm1(-tau * np.array(ratios)[:, None] ** b))
     return np.array(skies)
+
+
+def air_temperature(wavelength_um, sky, seen):
+    """K, of what most of the sky (n, bands), and seen (bands,), shows in its opaque bands."""
+    warmest = brightness_temperature(wavelength_um, sky).max(axis=1)
+    return max(
+        np.quantile(warmest, OPAQUE_QUANTILE), brightness_temperature(wavelength_um, seen).max()
+    )
+
+
+def least_ratio(wavelength_um, fwhm_um, seen, air_k):
+    """Of the clearest sky's air mass over that of the sky seen (bands,), whose air has air_k."""
+    nodes = quadrature(wavelength_um, fwhm_um)
+    wavelengths, at = np.unique(nodes, return_inverse=True)
+    depth = zenith_optical_depth(wavelengths, usual_atmosphere(air_k))[at].reshape(nodes.shape)
+    zenith = -np.log(np.exp(-depth).mean(axis=1))
+    tau = -np.log1p(-seen / radiance(wavelength_um, air_k + AIR_EXCESS_K[1]))
+    clear = tau <= np.quantile(tau, WINDOWS)
+    return OVERHEAD / max(np.median(tau[clear] / zenith[clear]), IN_VIEW)
 
 
 def growth(wavelength_um, sky, noise, air_k, zenith_transmittance):

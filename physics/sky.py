@@ -43,6 +43,7 @@ HC_K = 1.438776877  # second radiation constant h c / k_B, cm K
 TROPOPAUSE_K = 216.65
 LAPSE_K_KM = 6.5
 WATER_SCALE_KM = 2.0
+VAPOUR_J_G_K = 0.4615  # gas constant of water vapour
 TOP_KM = 50.0
 LAYERS = 28
 
@@ -99,6 +100,20 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     return np.einsum("dln,ln->dn", above - transmittance, glow)
 
 
+def usual_atmosphere(air_temperature_k):
+    """Atmosphere half as humid as air of so many K can be (Magnus's formula, WMO 2008)."""
+    t = float(np.clip(air_temperature_k, 220, 330))
+    celsius = t - 273.15
+    saturated_pa = 611.2 * math.exp(17.62 * celsius / (243.12 + celsius))
+    column_cm = saturated_pa / (1e3 * VAPOUR_J_G_K * t) * WATER_SCALE_KM * 100
+    return Atmosphere(t, min(0.5 * column_cm, 8.0))
+
+
+def continuum(wavelength_um):
+    """How strongly the water-vapour continuum absorbs, cm2 g-1 atm-1 at 296 K (Roberts et al.)."""
+    return 4.18 + 5578 * np.exp(-7.87e-3 * 1e4 / wavelength_um)
+
+
 def air_mass(cos_zenith):
     """Relative air mass: 1 at the zenith, 37.9 at (and below) the horizon.
 
@@ -137,7 +152,7 @@ def _profile(atmosphere):
     ozone = 2.1415e-2 * atmosphere.ozone_du * share / share.sum()  # 1 DU = 21.4 mg m-2
     fraction = 1e-6 * atmosphere.co2_ppm
     density = water / (1e3 * np.diff(edge))  # g m-3
-    vapour = density * 461.5e-3 * t / 101325  # ideal gas, R_v = 0.4615 J g-1 K-1
+    vapour = density * VAPOUR_J_G_K * t / 101325
     return _Profile(t, p, vapour, water, air * fraction * 44.01 / 28.96, ozone, fraction)
 
 
@@ -146,10 +161,9 @@ def _optical_depth(wavelength_um, mass, profile):
     nu = 1e4 / wavelength_um
     t, p, e = profile.temperature_k, profile.pressure, profile.vapour
     dry = np.maximum(p - e, 0.0)
-    strength = 4.18 + 5578 * np.exp(-7.87e-3 * nu)
     broadened = e * np.exp(1800 * (1 / t - 1 / 296)) + 0.002 * dry
-    continuum = np.cumsum(1e-4 * profile.water * broadened)[:, None] * strength
-    depth = mass[:, None, None] * continuum
+    along = np.cumsum(1e-4 * profile.water * broadened)[:, None]
+    depth = mass[:, None, None] * (along * continuum(wavelength_um))
     for band in BANDS:
         column = profile.water if band.gas is WATER else profile.co2
         fraction = e / p if band.gas is WATER else np.full_like(p, profile.co2_fraction)

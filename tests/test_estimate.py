@@ -1,5 +1,7 @@
 """The environment from path-traced cubes, whose light no k objects made; and distillation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
@@ -67,28 +69,53 @@ def test_the_sky_is_found_through_wide_filters_with_a_strong_line_in_them(centre
     np.testing.assert_allclose(e.sky_mean, s[:600].mean(axis=0), rtol=0.05)
 
 
-@pytest.mark.parametrize("water_cm, low, high", [(2.5, 0.06, 0.1), (3.0, 0.08, 0.13)])
+def low_sky(atmosphere, low, high):
+    """Cube of 24 bands whose upper quarter is sky at these cosines of zenith angles, over grey
+    ground about as warm as the air."""
+    w, fwhm = equidistant_bands(24)
+    rng = np.random.default_rng(0)
+    height = rng.uniform(low, high, 300)
+    warm = rng.normal(atmosphere.air_temperature_k + 1, 2, (900, 1))
+    grey = np.linspace(0.9, 1, 900)
+    s = np.empty((1200, len(w)))
+    for band, fine in enumerate(quadrature(w, fwhm)):
+        s[:300, band] = sky_radiance(fine, height, atmosphere).mean(axis=1)
+        s[300:, band] = grey * radiance(fine, warm).mean(axis=1)
+    s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
+    return HeatCube(s.T.reshape(len(w), 40, 30), w, fwhm, 0.05)
+
+
+@pytest.mark.parametrize(
+    "water_cm, low, high", [(2.5, 0.06, 0.1), (3.0, 0.08, 0.13), (3.5, 0.08, 0.13), (3.5, 0.1, 0.2)]
+)
 def test_a_humid_sky_low_above_the_horizon_is_found(water_cm, low, high):
     """Where it is clearest, four fifths of it are as opaque as the ground; a black wall as warm
     as the air is none."""
-    w, fwhm = equidistant_bands(24)
-    rng = np.random.default_rng(0)
-    height = rng.uniform(low, high, 300)  # cosines of zenith angles
-    warm, grey = rng.normal(299, 2, (900, 1)), np.linspace(0.9, 1, 900)
-    s = np.empty((1200, len(w)))
-    for band, fine in enumerate(quadrature(w, fwhm)):
-        s[:300, band] = sky_radiance(fine, height, Atmosphere(298.0, water_cm)).mean(axis=1)
-        s[300:, band] = grey * radiance(fine, warm).mean(axis=1)
-    s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
-    e = estimate_environment(HeatCube(s.T.reshape(len(w), 40, 30), w, fwhm, 0.05), LIBRARY)
+    cube = low_sky(Atmosphere(298.0, water_cm), low, high)
+    e = estimate_environment(cube, LIBRARY)
     assert e.sky
-    np.testing.assert_allclose(e.sky_mean, s[:300].mean(axis=0), rtol=0.05)
-    s[:300] = radiance(w, 298.0) + noise_sigma(w, 0.05) * rng.normal(size=(300, len(w)))
-    e = estimate_environment(HeatCube(s.T.reshape(len(w), 40, 30), w, fwhm, 0.05), LIBRARY)
-    assert not e.sky
+    np.testing.assert_allclose(e.sky_mean, cube.spectra[:300].mean(axis=0), rtol=0.05)
+    wall = np.random.default_rng(1).normal(0, cube.sigma, (10, 30, cube.bands)).T.swapaxes(1, 2)
+    wall += radiance(cube.wavelength_um, 298.0)[:, None, None]
+    scene = np.concatenate([wall, cube.radiance[:, 10:]], axis=1)
+    assert not estimate_environment(replace(cube, radiance=scene), LIBRARY).sky
 
 
-@pytest.mark.parametrize("bands", [3, 9, 24])
+@pytest.mark.parametrize("air_k, water_cm", [(265.0, 0.35), (283.0, 1.0), (295.0, 2.0)])
+@pytest.mark.parametrize("low, high", [(0.05, 0.1), (0.08, 0.15), (0.2, 0.4)])
+def test_the_skies_reach_overhead_from_the_sky_in_view(air_k, water_cm, low, high):
+    """However low that lies: in the windows the sky overhead is between the clearest and it."""
+    atmosphere = Atmosphere(air_k, water_cm)
+    cube = low_sky(atmosphere, low, high)
+    e = estimate_environment(cube, LIBRARY)
+    skies = e.radiance[list(e.sky)]
+    window = (cube.wavelength_um > 10.2) & (cube.wavelength_um < 12.2)
+    overhead = sky_radiance(cube.wavelength_um, np.array([0.6]), atmosphere)[0]
+    share = (skies / overhead)[:, window].mean(axis=1)
+    assert share.min() < 1 < share.max(), share
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 9, 24])
 def test_no_sky_indoors(bands):
     cube, _ = traced("room", bands, spp=8)
     for k in (1, 2, 5, 10):
@@ -102,9 +129,14 @@ def test_no_sky_without_one_in_the_library(method, k):
     assert e.sky == () and e.sky_mean is None and len(e) == k
 
 
-def test_no_sky_below_the_horizon():
-    """A picture of the ground alone has none, though wet ground mirrors it."""
-    cube, truth = traced("forest")
+@pytest.mark.parametrize(
+    "name, bands",
+    [("forest", 24), ("forest", 4), ("street", 9), ("patches", 9), ("patches", 4),
+     ("patterned", 3), ("patterned", 2)],
+)  # fmt: skip
+def test_no_sky_below_the_horizon(name, bands):
+    """A picture of the ground alone has none, though wet ground and bare metal mirror it."""
+    cube, truth = traced(name, bands)
     rows = (names_of(truth) == "sky").any(axis=1)
     below = cube.radiance[:, np.flatnonzero(rows).max() + 1 :]
     assert below.shape[1] >= 12
