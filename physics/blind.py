@@ -33,7 +33,7 @@ from sklearn.cluster import KMeans
 from .bad_bands import without_bad_bands
 from .environment import Environment
 from .errors import InputError
-from .estimate import SAMPLES, estimate_environment, sky_pixels
+from .estimate import SAMPLES, estimate_environment, sky_clusters
 from .heat_cube import HeatCube
 from .library import SKY, MaterialLibrary
 from .local import solve_given, solve_local
@@ -86,7 +86,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     s, row = s[order], pick[order] // cube.shape[1] / cube.shape[0]
     missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
     s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
-    sky = sky_pixels(cube, starter, s / cube.sigma, row, seed)
+    fit, of_sky = sky_clusters(cube, starter, s / cube.sigma, row, seed)
+    sky = of_sky[fit.labels_]
     if not sky.any():
         raise InputError(
             "library: no sky was found in the cube, and where all is about as warm as its "

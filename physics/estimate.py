@@ -2,14 +2,14 @@
 
 1. Sky. Twelve K-means clusters of the spectra are compared with the library's sky: at
    air mass a and air temperature T a clear sky radiates about B(T) (1 - t^a), t being
-   the zenith transmittance, which is 1 - e_sky times that of the vapour that the library's
-   sky has less. A cluster is sky if this fits clearly better than
-   a grey body, if about as much of B(T) is missing in its clearest band as in the clearest
-   cluster's, and if it lies in the picture's upper half (a car's bonnet mirrors the sky, but
-   from below).
+   the zenith transmittance: 1 - e_sky, times that of the vapour that the library's sky
+   lacks. A cluster is sky if this fits clearly better than a grey body, if about as much of
+   B(T) is missing in its clearest band as in the clearest cluster's, and if it lies in the
+   picture's upper half (a car's bonnet mirrors the sky, but from below).
 2. The sky's objects. A camera sees the part of the sky near the horizon; a surface is lit
    from overhead, through less air. The clearest visible sky is extrapolated to smaller air
-   masses (`overhead`): up to three objects (one for k = 2).
+   masses (`overhead`): up to three objects (one for k = 2). Of the sky's pixels only those
+   count whose neighbours are sky, too: leaves in a pixel fill the windows, as no air does.
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
    directions; `skylight_spread`: how the extrapolated skies change with the air temperature.
@@ -25,15 +25,18 @@ from .bands import quadrature
 from .environment import Environment
 from .errors import InputError
 from .heat_cube import lit
-from .overhead import air_temperature, least_ratio, overhead
+from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
 from .sky import continuum
 
 SAMPLES = 6000
 SKY_CLUSTERS = 12
-AIR_MASSES = np.geomspace(0.1, 40, 40)  # of a cluster, if it is sky
-MORE_VAPOUR = (0.0, 0.2, 0.6)  # than the library's sky has: its continuum's zenith depth at 11 um
-SKY_OVER_GREY = 0.5  # misfit of the best sky over that of the best grey body, at most
+AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
+# what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
+# at 11 um. With fewer bands than MANY, stone and glass are like a sky of some amount, too
+MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
+# misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY
+SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with fewer than three bands, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, 0.2
@@ -44,13 +47,14 @@ SKY_OBJECTS = ((), (0.3,), (0.6, 0.0), (0.6, 0.0), (1.0, 0.4, 0.0))
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
 ERROR_K = 0.3  # of X beyond all that
+ENOUGH = 30
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
 def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     """Estimate the Environment of a HeatCube.
 
-    k        number of objects, the sky's among them
+    k        number of objects, the sky's among them; fewer come where spectra differ less
     method   "kmeans" as above; "halves": the averages of the upper and the lower half of
              the picture (k = 2), the upper one being the sky if there is any
     seed     of the subsample and of K-means
@@ -73,7 +77,8 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
 
 class Sample:
     """Pixels of a HeatCube that environments of any k are estimated from: spectra (n, bands) in
-    noise units, row (n,) how far down they lie, 0..1, and sky (n,) which of them are sky.
+    noise units, row (n,) how far down they lie, 0..1, sky (n,) which of them are sky, and inner
+    (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have.
 
     Raises InputError for a band without light.
     """
@@ -91,9 +96,20 @@ class Sample:
             )
         # K-means begins with what comes first: in this order, that is no matter of where pixels lie
         order = np.argsort(spectra.mean(axis=1), kind="stable")
-        self.spectra = spectra[order]
-        self.row = pick[order] // cube.shape[1] / cube.shape[0]
-        self.sky = sky_pixels(self.cube, library, self.spectra, self.row, seed)
+        self.spectra, pick = spectra[order], pick[order]
+        self.row = pick // cube.shape[1] / cube.shape[0]
+        self.sky = self.inner = np.zeros(len(pick), bool)
+        if library.sky_index is None:
+            return
+        fit, of_sky = sky_clusters(self.cube, library, self.spectra, self.row, seed)
+        self.sky = self.inner = of_sky[fit.labels_]
+        if self.sky.any():
+            around = _neighbours(pick[self.sky], cube.shape)
+            near = fit.predict(self.cube.pixels(around.ravel()) / self.cube.sigma)
+            inner = of_sky[near].reshape(around.shape).all(axis=0)
+            if inner.sum() >= ENOUGH:
+                self.inner = self.sky.copy()
+                self.inner[self.sky] = inner
 
     def environment(self, k):
         """Environment of k objects by K-means, those of the sky first."""
@@ -107,13 +123,13 @@ class Sample:
         means = fit.cluster_centers_
         spread, skylight = _principal(ground - means[fit.labels_]), None
         if objects:
-            cold = spectra[sky].mean(axis=1)
-            seen = spectra[sky][cold <= np.quantile(cold, 0.05)].mean(axis=0) * cube.sigma
+            visible = spectra[self.inner] * cube.sigma
+            cold = spectra[self.inner].mean(axis=1)
+            seen = visible[cold <= np.quantile(cold, 0.05)].mean(axis=0)
             zenith = _transmittance(cube, self.library).mean(axis=1)
-            visible = spectra[sky] * cube.sigma
-            air_k = air_temperature(cube.wavelength_um, visible, seen)
-            least = least_ratio(cube.wavelength_um, cube.fwhm_um, seen, air_k)
-            ratios = least ** np.array(objects)
+            scene_k = np.median(brightness_temperature(cube.wavelength_um, spectra * cube.sigma))
+            ratio = least_ratio(cube.wavelength_um, cube.fwhm_um, visible, seen, scene_k)
+            ratios = ratio ** np.array(objects)
             skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith)
             skies = skies / cube.sigma
             deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
@@ -142,11 +158,8 @@ class Sample:
         return dict(sky_mean=mean * sigma, sky_spread=scatter * sigma)
 
 
-def sky_pixels(cube, library, spectra, row, seed):
-    """(n,) which of the whitened spectra belong to clusters of sky."""
-    sky = np.zeros(len(spectra), bool)
-    if library.sky_index is None:
-        return sky
+def sky_clusters(cube, library, spectra, row, seed):
+    """Clusters of the whitened spectra, and (clusters,) which are sky."""
     opacity = _opacities(cube, library)
     fit = _clusters(spectra, SKY_CLUSTERS, 1, seed)
     centres = fit.cluster_centers_ * cube.sigma
@@ -155,17 +168,24 @@ def sky_pixels(cube, library, spectra, row, seed):
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
     missing[height > row.mean()] = 0.0
     least = MISSING if cube.bands > 2 else MISSING_OF_FEW
-    return (missing > max(least, MISSING_RATIO * missing.max()))[fit.labels_]
+    return fit, missing > max(least, MISSING_RATIO * missing.max())
+
+
+def _neighbours(pixel, shape):
+    """(8, n) indices of the neighbours of pixels (n,); beyond the border, the nearest within."""
+    row, column = np.divmod(pixel, shape[1])
+    step = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    rows = np.clip([row + i for i, _ in step], 0, shape[0] - 1)
+    return rows * shape[1] + np.clip([column + j for _, j in step], 0, shape[1] - 1)
 
 
 def _opacities(cube, library):
-    """(skies, bands) of the library's sky with more vapour, at all AIR_MASSES."""
+    """(skies, bands) of the library's sky, with more vapour too, at all AIR_MASSES."""
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     vapour = continuum(nodes) / continuum(11.0)
     zenith = _transmittance(cube, library)
-    skies = [
-        (zenith * np.exp(-more * vapour)) ** AIR_MASSES[:, None, None] for more in MORE_VAPOUR
-    ]
+    more = MORE_VAPOUR if cube.bands >= MANY else MORE_VAPOUR[:1]
+    skies = [(zenith * np.exp(-m * vapour)) ** AIR_MASSES[:, None, None] for m in more]
     return 1 - np.concatenate(skies).mean(axis=-1)
 
 
@@ -190,7 +210,9 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
 
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
-    return 1 - opacity[j].min() if sky < SKY_OVER_GREY * grey or wavelength_um.size < 3 else 0.0
+    bands = wavelength_um.size
+    most = SKY_OVER_GREY if bands < MANY else SKY_OVER_GREY_OF_MANY
+    return 1 - opacity[j].min() if sky < most * grey or bands < 3 else 0.0
 
 
 def _clusters(spectra, k, starts, seed):

@@ -12,8 +12,8 @@ with slope b against log tau of all bands (the clearest band having 1). With tau
 clearest sky in view, a smaller air mass follows. Where T_air's doubt or the noise leaves b open,
 b is near what transmittance at the zenith suggests.
 
-How far it is from the sky in view to the zenith, the windows say: how many times more they absorb
-than the air overhead would that is as warm and half as humid as can be.
+How far it is from the sky in view to the zenith, the windows say: by how many times their optical
+depth is more than that of usual air overhead, which is as warm.
 """
 
 import numpy as np
@@ -30,8 +30,8 @@ DARKEST, CLEAREST = 0.02, 0.999  # transmittances between which log tau can be t
 CLEAR_QUANTILE = 0.9  # of the bands' b: that of the windows, 1 by definition
 LEAST_GROWTH, MOST_GROWTH = 0.3, 1.05
 WINDOWS = 0.3  # of the bands, the clearest
-OVERHEAD = 0.6  # air masses of the clearest sky
-IN_VIEW = 3.0  # and of the clearest sky in view, at least
+OVERHEAD = 0.6  # air masses of the clearest sky: less than 1, as the air may be drier than usual
+NEAREST, FARTHEST = 3.0, 20.0  # air masses of the sky in view; what seems nearer is drier air
 
 
 def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance):
@@ -59,15 +59,19 @@ def air_temperature(wavelength_um, sky, seen):
     )
 
 
-def least_ratio(wavelength_um, fwhm_um, seen, air_k):
-    """Of the clearest sky's air mass over that of the sky seen (bands,), whose air has air_k."""
+def least_ratio(wavelength_um, fwhm_um, sky, seen, scene_k):
+    """Of the clearest sky's air mass over that of the sky seen; arguments as of `overhead`.
+
+    scene_k is about as warm as the air, which shows in the sky only where that is opaque.
+    """
+    air_k = max(air_temperature(wavelength_um, sky, seen), scene_k)
     nodes = quadrature(wavelength_um, fwhm_um)
     wavelengths, at = np.unique(nodes, return_inverse=True)
     depth = zenith_optical_depth(wavelengths, usual_atmosphere(air_k))[at].reshape(nodes.shape)
     zenith = -np.log(np.exp(-depth).mean(axis=1))
     tau = -np.log1p(-seen / radiance(wavelength_um, air_k + AIR_EXCESS_K[1]))
     clear = tau <= np.quantile(tau, WINDOWS)
-    return OVERHEAD / max(np.median(tau[clear] / zenith[clear]), IN_VIEW)
+    return OVERHEAD / np.clip(np.median(tau[clear] / zenith[clear]), NEAREST, FARTHEST)
 
 
 def growth(wavelength_um, sky, noise, air_k, zenith_transmittance):

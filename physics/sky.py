@@ -44,6 +44,7 @@ TROPOPAUSE_K = 216.65
 LAPSE_K_KM = 6.5
 WATER_SCALE_KM = 2.0
 VAPOUR_J_G_K = 0.4615  # gas constant of water vapour
+HUMIDITY = 0.5  # of usual air, over what it can hold
 TOP_KM = 50.0
 LAYERS = 28
 
@@ -101,12 +102,12 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
 
 
 def usual_atmosphere(air_temperature_k):
-    """Atmosphere half as humid as air of so many K can be (Magnus's formula, WMO 2008)."""
+    """Atmosphere of usual HUMIDITY at so many K near the ground (Magnus's formula, WMO 2008)."""
     t = float(np.clip(air_temperature_k, 220, 330))
     celsius = t - 273.15
     saturated_pa = 611.2 * math.exp(17.62 * celsius / (243.12 + celsius))
     column_cm = saturated_pa / (1e3 * VAPOUR_J_G_K * t) * WATER_SCALE_KM * 100
-    return Atmosphere(t, min(0.5 * column_cm, 8.0))
+    return Atmosphere(t, min(HUMIDITY * column_cm, 8.0))
 
 
 def continuum(wavelength_um):
