@@ -40,7 +40,7 @@ SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with fewer than three bands, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, 0.2
-MISSING_RATIO = 0.6  # and of what the clearest cluster misses: below it, sky is mixed with leaves
+MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # the sky's objects, 0 being the clearest sky in view and 1 the clearest overhead, by the logarithm
 # of the air mass; for k = 1, 2, 3 or 4, 5 and more
 SKY_OBJECTS = ((), (0.3,), (0.6, 0.0), (0.6, 0.0), (1.0, 0.4, 0.0))
