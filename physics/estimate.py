@@ -47,7 +47,7 @@ SKY_OBJECTS = ((), (0.3,), (0.6, 0.0), (0.6, 0.0), (1.0, 0.4, 0.0))
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
 ERROR_K = 0.3  # of X beyond all that
-ENOUGH = 30
+ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them alone
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 

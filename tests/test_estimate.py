@@ -89,8 +89,8 @@ def low_sky(atmosphere, low, high):
     "water_cm, low, high", [(2.5, 0.06, 0.1), (3.0, 0.08, 0.13), (3.5, 0.1, 0.2)]
 )
 def test_a_humid_sky_low_above_the_horizon_is_found(water_cm, low, high):
-    """Where it is clearest, four fifths of it are as opaque as the ground; a black wall as warm
-    as the air is none."""
+    """Little of B(T_air) is missing in it even where it is clearest; a black wall as warm as the
+    air is none."""
     cube = low_sky(Atmosphere(298.0, water_cm), low, high)
     e = estimate_environment(cube, LIBRARY)
     assert e.sky
@@ -114,7 +114,6 @@ def test_the_skies_reach_overhead_from_the_sky_in_view(air_k, water_cm, low, hig
     overhead = sky_radiance(cube.wavelength_um, np.array([0.6]), atmosphere)[0]
     share = (clearest / overhead)[window].mean()
     assert 0.2 < share < 1, share
-
 
 
 @pytest.mark.parametrize("name", ["granite", "sandstone", "brick"])
@@ -228,6 +227,20 @@ def test_the_seed_decides():
     a, b = (estimate_environment(cube, LIBRARY, 6, seed=3) for _ in range(2))
     for field in ("radiance", "spread", "sky_mean", "sky_spread"):
         np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+def test_the_order_of_pixels_does_not_matter_to_what_is_sky(name):
+    """Shuffled columns: the same set of spectra. (The sky overhead asks for neighbours.)"""
+    cube, _ = traced(name)
+    order = np.random.default_rng(0).permutation(cube.shape[1])
+    shuffled = replace(cube, radiance=cube.radiance[:, :, order])
+    a, b = (estimate_environment(c, LIBRARY, 5) for c in (cube, shuffled))
+    assert a.sky == b.sky
+    for field in ("sky_mean", "sky_spread", "spread"):
+        np.testing.assert_allclose(getattr(a, field), getattr(b, field), rtol=1e-5, atol=1e-7)
+    ground = len(a.sky)
+    np.testing.assert_allclose(a.radiance[ground:], b.radiance[ground:], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", OUTDOORS)
