@@ -56,7 +56,7 @@ class Runtime:
         about = self._session.get_modelmeta().custom_metadata_map
         if "texnet_version" not in about:
             raise InputError(f"model: cannot read {path}: {BROKEN}.")
-        if "log_expected" not in {i.name for i in self._session.get_inputs()}:
+        if "log_evidence" not in {o.name for o in self._session.get_outputs()}:
             raise InputError(f"model: {path} is of an older texnet; export its weights again.")
         as_json = ("history", "meaning", "library", "halo_px", "cell_px", "limits")
         self.about = {k: json.loads(v) if k in as_json else v for k, v in about.items()}

@@ -61,6 +61,7 @@ OUTPUTS = {
     "texture": (("bands", *PART), f"{SPECTRUM}, X; 0 for sky"),
     "sky_texture": (PART, f"{SPECTRUM}, band mean of X's sky-lit part"),
     "residual": (PART, "noise units, root mean square"),
+    "log_evidence": (PART, "nats, of all materials together"),
     "unknown": (PART, "true where the answer should not be trusted"),
 }
 METADATA = {

@@ -308,8 +308,9 @@ def test_the_network_is_told_what_the_glance_expects():
         given.append((radiance.shape[1:], expected and expected.nats.shape))
         return torch_model()(radiance, known, progress, expected if told else None, regions)
 
-    d = decompose(cube, k=3, model=model)
-    deaf = decompose(cube, k=3, model=partial(model, told=False))
+    environment = estimate_environment(cube.with_netd(), MaterialLibrary.starter(), 3)
+    d = decompose(cube, environment=environment, model=model)
+    deaf = decompose(cube, environment=environment, model=partial(model, told=False))
     afar = tuple(-(-size // 2) for size in cube.shape)
     assert given == 2 * [(afar, None), (cube.shape, (30, *afar))]
     p, plain = d.material_probability, deaf.material_probability

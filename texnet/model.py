@@ -46,7 +46,8 @@ class TeX(NamedTuple):
     material_probability (materials, ...); material int64; temperature_k K, of sky that of
     what stands before it, if any, or the air's; temperature_sigma_k K; thermal_lighting
     (k, ...), zero for sky; texture X (bands, ...) W m-2 sr-1 um-1, zero for sky; sky_texture
-    band mean of its sky-lit part; residual root mean square in noise units; unknown bool.
+    band mean of its sky-lit part; residual root mean square in noise units; log_evidence nats, of
+    all hypotheses together; unknown bool.
     """
 
     material_probability: torch.Tensor
@@ -57,6 +58,7 @@ class TeX(NamedTuple):
     texture: torch.Tensor
     sky_texture: torch.Tensor
     residual: torch.Tensor
+    log_evidence: torch.Tensor
     unknown: torch.Tensor
 
 
@@ -133,10 +135,11 @@ def _answer(
         r = _refined(b, x, row, score, trust, t, guess, width, steps, of_sky > 0)
     else:
         r = _unrefined(b, row, t, guess, width)
-    score = score - trust * r.energy
-    # those that were not refined would lose at least as much as the best of these
-    log_row = log_row - trust * r.energy.amin(0)
-    log_row = log_row.scatter(0, row, score)
+    own_row = torch.cat([log_evidence + log_pure, log_evidence + log_mixed])
+    own_row = _after(own_row, row, own_row.gather(0, row), r.energy)
+    most = own_row.amax(0)
+    log_row = _after(log_row, row, score, trust * r.energy)
+    score = log_row.gather(0, row)
     p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
 
     best = score.argmax(0, keepdim=True)
@@ -173,8 +176,15 @@ def _answer(
     return TeX(
         material_probability=p, material=material, temperature_k=temperature,
         temperature_sigma_k=sigma, thermal_lighting=v * visible, texture=texture * visible,
-        sky_texture=sky_texture * visible, residual=misfit, unknown=unknown,
+        sky_texture=sky_texture * visible, residual=misfit,
+        log_evidence=most + torch.log(torch.exp(own_row - most).sum(0)), unknown=unknown,
     )  # fmt: skip
+
+
+def _after(log_row, row, score, energy):
+    """log_row (R, P) after the refinement of the hypotheses row (C, P), of score (C, P), which it
+    cost energy (C, P); the others would lose at least as much as the best of these."""
+    return (log_row - energy.amin(0)).scatter(0, row, score - energy)
 
 
 def _cut(arrays, shape, inner):

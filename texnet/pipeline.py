@@ -2,7 +2,8 @@
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated. Then comes the environment from the
-cube and a glance from afar at what materials there are and where, and then
+cube, the camera's gain or offset, if the pixels show it (`calibration`; not for net), and a glance
+from afar at what materials there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -28,6 +29,7 @@ from physics.saturation import saturated
 from physics.spectral_shift import registered
 
 from . import glance
+from .calibration import DOUBT_K, RIGHT, calibration, corrected
 from .doubt import sigma_among_neighbours, with_calibration_error
 from .progress import compiling
 
@@ -59,6 +61,8 @@ class Decomposition:
     saturated             True where a band is at its ceiling: T is a lower bound
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
+    gain, offset_k        of the camera, by which the cube was corrected: the maps are of
+                          (S - offset) / gain, the offset being so many K at 300 K
     calibration_error_k   as it was stated, K at 300 K
     left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
@@ -84,6 +88,8 @@ class Decomposition:
     hue_deg: np.ndarray
     netd_k: float
     spectral_shift_um: float = 0.0
+    gain: float = 1.0
+    offset_k: float = 0.0
     calibration_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
@@ -160,13 +166,21 @@ def decompose(
         with compiling(progress):
             k = supported_count(cube, library, seed)
         lap("k")
+    given, shown, netd_k = environment, RIGHT, cube.netd_k
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
-    if method.startswith("net"):
-        if model is None:
-            from .learned import torch_model  # torch takes a second to load
+    if method.startswith("net") and model is None:
+        from .learned import torch_model  # torch takes a second to load
 
-            model = torch_model(method == "net+sgd")
+        model = torch_model(method == "net+sgd")
+    if given is None and method != "net":
+        with compiling(None if method == "net+sgd" else progress):
+            shown = calibration(cube, environment, _misfit(method, library, model))
+        if shown != RIGHT:
+            cube = corrected(cube, shown)
+            environment = estimate_environment(cube, library, k, seed=seed)
+        lap("calibration")
+    if method.startswith("net"):
 
         def look(part, seen, expected, regions, progress=None):
             known = only(known_arrays(part, library, environment), seen)
@@ -189,21 +203,39 @@ def decompose(
     maps["temperature_sigma_k"] = sigma_among_neighbours(
         maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
     )
-    if error:
+    doubt = float(np.hypot(error, 0.0 if shown == RIGHT else DOUBT_K))
+    if doubt:
         maps["temperature_sigma_k"] = with_calibration_error(
-            maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um,
-            float(error),
-        )  # fmt: skip
+            maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um, doubt
+        )
     beyond = saturated(cube)
     maps["unknown"] |= beyond
     maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(
-        **{name: a for name, a in maps.items() if name != "objective"}, saturated=beyond,
+        **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
+        saturated=beyond, **shown._asdict(),
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
-        wavelength_um=stated, hue_deg=library.hue_deg, netd_k=cube.netd_k,
+        wavelength_um=stated, hue_deg=library.hue_deg, netd_k=netd_k,
         spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
+
+
+def _misfit(method, library, model):
+    """What `calibration` asks of a method."""
+    if method != "net+sgd":
+        from physics.support import free_energy
+
+        return lambda part, environment: free_energy(part, library, environment, part.spectra)
+    basis = {}  # the same for all, so that their evidence can be compared
+
+    def misfit(part, environment):
+        known = known_arrays(part, library, environment)
+        basis.setdefault("basis", known["basis"])
+        maps = model(part.radiance, known | basis, None, None, None)
+        return -maps["log_evidence"].ravel().astype(np.float64)
+
+    return misfit
 
 
 def _whole(value, low, high):

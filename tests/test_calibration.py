@@ -1,0 +1,177 @@
+"""A camera's gain or offset is found where the scene shows it, and a right camera is left alone."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from traced import names_of, one_thread, traced  # noqa: F401
+
+from physics import HeatCube, MaterialLibrary
+from physics.environment import Environment
+from physics.estimate import estimate_environment
+from physics.planck import noise_sigma, radiance
+from texnet.calibration import GAIN, RIGHT, Calibration, calibration, corrected
+from texnet.cli import main
+from texnet.cube_io import write_cube
+from texnet.pipeline import decompose
+
+LIBRARY = MaterialLibrary.starter()
+W = np.linspace(8, 14, 12)
+
+
+def shown(cube, c):
+    """What a camera of Calibration c shows of a HeatCube."""
+    offset = noise_sigma(cube.wavelength_um, c.offset_k)[:, None, None]
+    return HeatCube(
+        cube.radiance * c.gain + offset, cube.wavelength_um, cube.fwhm_um, cube.netd_k * c.gain
+    )
+
+
+def with_errors(percent):
+    """The library with curves that are off by so much, smoothly."""
+    rng, w = np.random.default_rng(0), LIBRARY.wavelength_um
+    turns = np.arange(1, 7)[:, None] * np.pi * (w - 8) / 6
+    off = rng.normal(size=(len(LIBRARY), 6)) @ np.cos(turns) / np.sqrt(3)
+    off[LIBRARY.sky_index] = 0
+    e = np.clip(LIBRARY.emissivity * (1 + percent / 100 * off), 0.01, 1)
+    return MaterialLibrary(LIBRARY.names, w, e)
+
+
+@given(st.floats(0.9, 1.1), st.floats(-1, 1))
+def test_the_correction_undoes_what_the_camera_did(gain, offset_k):
+    s = radiance(W, np.linspace(240, 320, 20)[:, None]).T.reshape(12, 4, 5)
+    cube, c = HeatCube(s, W, None, 0.05), Calibration(gain, offset_k)
+    back = corrected(shown(cube, c), c)
+    np.testing.assert_allclose(back.radiance, cube.radiance, rtol=1e-5)
+    assert back.netd_k == pytest.approx(cube.netd_k)
+
+
+@pytest.mark.parametrize(("name", "method"), [("forest", "net+sgd"), ("room", "local")])
+def test_right_temperatures_from_a_wrong_gain(name, method):
+    cube, truth = traced(name, 54)
+    named = lambda d: (names_of(d) == names_of(truth)).mean()  # noqa: E731
+    right = decompose(cube, method=method)
+    assert (right.gain, right.offset_k) == (1, 0)
+    for gain in (0.9, 0.97, 1.03):
+        d = decompose(shown(cube, Calibration(gain)), method=method)
+        assert d.gain == pytest.approx(gain, abs=0.005) and d.offset_k == 0
+        off = np.abs(d.temperature_k - right.temperature_k)
+        assert np.median(off) < 0.3  # a gain of 0.97 alone is 2 K
+        assert named(d) > named(right) - 0.05
+        assert (off < 2 * np.hypot(d.temperature_sigma_k, right.temperature_sigma_k)).mean() > 0.95
+
+
+def test_right_temperatures_from_an_offset():
+    cube = traced("forest", 54)[0]
+    right = decompose(cube, method="local")
+    for kelvin in (-3.0, 3.0):
+        d = decompose(shown(cube, Calibration(offset_k=kelvin)), method="local")
+        assert d.offset_k == pytest.approx(kelvin, abs=0.5) and d.gain == 1
+        assert np.median(np.abs(d.temperature_k - right.temperature_k)) < 0.6
+
+
+@pytest.mark.parametrize(
+    ("name", "bands"), [("forest", 9), ("street", 54), ("room", 9), ("patterned", 54)]
+)
+def test_nothing_else_is_taken_for_it(name, bands):
+    """Curves that are wrong, a common material that is missing, noise that is more."""
+    cube, truth = traced(name, bands)
+    seen = names_of(truth)
+    kinds, counts = np.unique(seen[seen != "sky"], return_counts=True)
+    missing = kinds[counts.argmax()]
+    noisy = np.random.default_rng(0).normal(size=cube.radiance.shape)
+    noisy = np.maximum(
+        cube.radiance + noisy * noise_sigma(cube.wavelength_um, 0.5)[:, None, None], 1e-3
+    )
+    cases = [
+        (cube, LIBRARY), (cube, with_errors(1)), (cube, with_errors(3)),
+        (cube, LIBRARY.subset([n for n in LIBRARY.names if n != missing])),
+        (HeatCube(noisy, cube.wavelength_um, cube.fwhm_um, 0.5), LIBRARY),
+    ]  # fmt: skip
+    for of, library in cases:
+        d = decompose(of, library)
+        assert (d.gain, d.offset_k) == (1, 0)
+
+
+def test_what_is_given_or_has_few_bands_is_left_alone():
+    cube = shown(traced("forest", 54)[0], Calibration(1.03))
+    given = estimate_environment(cube.with_netd(), LIBRARY, 3)
+    assert decompose(cube, method="local", environment=given).gain == 1
+    assert decompose(shown(traced("forest", 4)[0], Calibration(1.1))).gain == 1
+
+
+def test_the_command_says_so(tmp_path, capsys):
+    cube = tmp_path / "cube.npz"
+    write_cube(shown(traced("forest", 54)[0], Calibration(0.96)), cube)
+    assert main(["decompose", str(cube), "--out", str(tmp_path / "a"), "--json"]) == 0
+    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    assert "% too low" in text
+    assert json.loads(result)["gain"] == pytest.approx(0.96, abs=0.005)
+    with np.load(tmp_path / "a" / "decomposition.npz") as npz:
+        assert npz["gain"] == json.loads(result)["gain"] and npz["offset_k"] == 0
+
+
+# --- what is taken, of evidence made up --------------------------------------------------
+
+
+def found(nats_of, sky=True):
+    """The Calibration taken where a cube corrected by Calibration c costs nats_of(c) (P,)."""
+    w = np.linspace(8, 14, 12)
+    s = radiance(w, 290.0)[:, None, None] * np.ones((1, 8, 8))
+    cube = HeatCube(s, w, None, 0.05)
+    environment = Environment(radiance(w, np.array([[280.0]])), w, sky=(0,) if sky else ())
+
+    def misfit(part, surroundings):
+        ratio = cube.radiance[:, 0, 0] / part.radiance[:, 0, 0]
+        np.testing.assert_allclose(part.netd_k * ratio.mean(), 0.05, rtol=0.2)
+        gain = cube.netd_k / part.netd_k
+        left = cube.radiance[0, 0, 0] - gain * part.radiance[0, 0, 0]
+        assert (surroundings.radiance > 0).all()
+        return nats_of(gain - 1, left / noise_sigma(w[:1], 1.0)[0]) * np.ones(64)
+
+    return calibration(cube, environment, misfit)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-0.14, 0.14))
+def test_the_lowest_of_a_parabola_is_found(error):
+    c = found(lambda gain, offset_k: 2e3 * (gain - error) ** 2 + 2.0 * abs(offset_k))
+    worth = 2e3 * error**2 >= GAIN.worth + 0.1
+    if worth:
+        assert c.gain == pytest.approx(1 + error, abs=2e-3) and c.offset_k == 0
+    elif 2e3 * error**2 < GAIN.worth - 0.1:
+        assert c == RIGHT
+
+
+def test_it_must_gain_enough_and_more_than_the_other_kind():
+    def of(gains, offsets, sky=True):
+        """What is taken where a gain of 1.03 gains so many nats, and an offset of 1 K."""
+        dip = lambda x: float(np.exp(-(x**2)))  # noqa: E731
+        return found(
+            lambda gain, offset_k: 10
+            - gains * dip((gain - 0.03) / 0.01) * (abs(offset_k) < 0.01)
+            - offsets * dip((offset_k - 1) / 0.3) * (abs(gain) < 1e-4),
+            sky,
+        )
+
+    assert of(1.1, 0.0).gain == pytest.approx(1.03, abs=0.002)
+    assert of(0.9, 0.0) == RIGHT
+    assert of(0.0, 2.2).offset_k == pytest.approx(1, abs=0.05)
+    assert of(0.0, 1.8) == RIGHT
+    assert of(3.0, 2.9) == RIGHT and of(2.9, 3.0) == RIGHT
+    assert of(3.0, 2.6).gain == pytest.approx(1.03, abs=0.002)
+    assert of(2.6, 3.0).offset_k == pytest.approx(1, abs=0.05)
+    assert of(2.6, 3.0, sky=False) == RIGHT  # offsets show where the sky is in view
+    assert of(3.0, 2.6, sky=False).gain == pytest.approx(1.03, abs=0.002)
+
+
+def test_what_nothing_explains_has_one_voice():
+    """A few pixels that a wrong gain would explain count no more than any others."""
+    few = np.arange(64) < 6
+
+    def nats(gain, offset_k):
+        return np.where(few, 1e6 * abs(gain - 0.1), 10 + 1e3 * gain**2) + abs(offset_k)
+
+    assert found(nats) == RIGHT
