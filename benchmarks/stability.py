@@ -242,6 +242,13 @@ def wrong_gain(view, library, percent):
     return Case(changed(cube, cube.radiance * (1 + percent / 100)), truth, library)
 
 
+def uneven_bands(view, library, percent):
+    """Every band has a gain of its own."""
+    cube, truth = shaded(view, library)
+    off = percent / 100 * np.random.default_rng(6).normal(size=(cube.bands, 1, 1))
+    return Case(changed(cube, cube.radiance * (1 + off)), truth, library)
+
+
 def wrong_offset(view, library, kelvin):
     cube, truth = shaded(view, library)
     off = noise_sigma(cube.wavelength_um, kelvin)[:, None, None]
@@ -349,6 +356,7 @@ AXES = {
     "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
     "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
     "gain off, as stated": Axis("gain error (%)", (0, 0.3, 1, 3, 10), stated_gain),
+    "bands' gains off": Axis("error of each by itself (%)", (0, 0.1, 0.3, 1, 3), uneven_bands),
     "offset": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), wrong_offset),
     "offset, as stated": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), stated_offset),
     "dead bands": Axis("how many are dead", (0, 1, 2, 5, 10), dead_bands),

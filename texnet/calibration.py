@@ -1,4 +1,4 @@
-"""Gain or offset of the camera, where the scene itself shows it.
+"""Gain or offset of the camera, and its noise, where the scene itself shows them.
 
 A camera of gain g and offset o shows g S + o. Of Eq. 1 only the glow is known beforehand; the
 light that is reflected was seen by the same camera, so that with e, T and V as they are it shows
@@ -25,22 +25,27 @@ from typing import NamedTuple
 import numpy as np
 
 from physics import scratch
-from physics.heat_cube import HeatCube
-from physics.planck import noise_sigma
+from physics.errors import InputError
+from physics.heat_cube import MAX_NETD_K, HeatCube
+from physics.planck import brightness_temperature, noise_sigma
 
+LEAST_PIXELS = 100
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
-SAMPLES = 500  # pixels
+SAMPLES, FAR_K = 500, 50.0  # pixels; above the hottest fiftieth of them
 ENOUGH = 5.0  # nats above the typical pixel's
 LEAD = 0.25  # nats per pixel over the best of the other kind
 DARKEST = 0.05  # what is left of a radiance, at least
+QUARTER, FITS, MORE = 0.25, 1.0, 4.0  # of the pixels; their residual, in noise units; see above
 DOUBT_K = 0.25  # what a calibration so found may still be off by, at 300 K
 
 
 class Calibration(NamedTuple):
-    """What a camera shows, over what there is: gain, and offset in K at 300 K."""
+    """What a camera shows, over what there is: gain, offset in K at 300 K, and its noise over
+    what it is said to be."""
 
     gain: float = 1.0
     offset_k: float = 0.0
+    noise: float = 1.0
 
 
 class Kind(NamedTuple):
@@ -56,60 +61,114 @@ class Kind(NamedTuple):
     worth: float
 
 
+class Best(NamedTuple):
+    """The error of a kind by which the pixels are likeliest, with half a step to both sides."""
+
+    kind: Kind
+    error: float
+    around: tuple[Calibration, Calibration, Calibration]
+
+    @property
+    def at_end(self):
+        """Whether the search ended there."""
+        return abs(self.error) > self.kind.most - self.kind.step / 2
+
+
 RIGHT = Calibration()
 GAIN = Kind(lambda error: Calibration(gain=1 + error), 0.01, 0.15, (0.01, 0.03, 0.1), 0.0075, 1.0)
 OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (1.0,), 0.5, 2.0)
 KINDS = GAIN, OFFSET
 
 
-def calibration(cube, environment, misfit):
+def calibration(cube, environment, look, left_out=None):
     """Calibration of a HeatCube with its NETD, of whose scene environment is the Environment.
 
-    misfit  (HeatCube, Environment) -> (P,) nats, minus the log evidence of every pixel
+    look      (HeatCube, Environment) -> nats (P,), minus the log evidence of its pixels, and
+              residual, in noise units, of those that are not sky
+    left_out  (height, width) bool: pixels that say nothing, being saturated
     """
-    if cube.bands < LEAST_BANDS:
+    part = _sample(cube, left_out)
+    if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return RIGHT
-    part, seen = _sample(cube), {}
+    nats, residual = {}, {}
 
-    def look(kind, errors):
-        for c in [RIGHT, *map(kind.of, errors)]:
-            if c not in seen:
-                seen[c] = misfit(corrected(part, c), corrected_environment(environment, c))
+    def see(all_of):
+        for c in all_of:
+            if c not in nats:
+                try:
+                    of_all, off = look(corrected(part, c), corrected_environment(environment, c))
+                except InputError:  # nothing looks like that
+                    of_all, off = np.full(part.radiance[0].size, np.inf), np.array([np.inf])
+                nats[c] = np.where(np.isfinite(of_all), of_all, np.inf)
+                off = off[np.isfinite(off)]
+                residual[c] = np.quantile(off, QUARTER) if off.size else 0.0
 
-    for kind in KINDS:
-        look(kind, [sign * error for error in kind.first for sign in (-1, 1)])
-    if all(nats.mean() >= seen[RIGHT].mean() for nats in seen.values()):
+    found = _gain_or_offset(environment, see, nats)
+    if residual[found] <= FITS:
+        return found
+    return Calibration(noise=round(MORE * max(float(residual[RIGHT]), 1.0), 3))
+
+
+def _gain_or_offset(environment, see, nats):
+    """The Calibration that see, which fills nats, finds best; RIGHT if none is by far.
+
+    A first look at a few errors tells whether there is anything to find. Then all steps of both
+    kinds are tried, half a step around the best of each, and the lowest of a parabola there.
+    """
+    see([RIGHT, *(k.of(sign * error) for k in KINDS for error in k.first for sign in (-1, 1))])
+    loss = _losses(nats, np.median(nats[RIGHT]))
+    if min(loss, key=loss.get) == RIGHT:
         return RIGHT
-    best = []
-    for kind in KINDS:
-        n = round(kind.most / kind.step)
-        errors = [kind.step * i for i in range(-n, n + 1) if i]
-        look(kind, errors)
-        loss = _losses(seen)
-        error = min(errors, key=lambda error: loss[kind.of(error)])  # noqa: B023
-        around = [error - kind.step / 2, error, error + kind.step / 2]
-        look(kind, around)
-        best.append((kind, around))
-    loss = _losses(seen)
-    (kind, around), (other, beside) = sorted(best, key=lambda b: loss[b[0].of(b[1][1])])
-    least = loss[kind.of(around[1])]
-    if loss[RIGHT] - least < kind.worth or loss[other.of(beside[1])] - least < LEAD:
+    best = [_best_of(kind, see, nats) for kind in KINDS]
+    loss = _losses(nats)
+    one, other = sorted(best, key=lambda b: loss[b.around[1]])
+    gained, lead = loss[RIGHT] - loss[one.around[1]], loss[other.around[1]] - loss[one.around[1]]
+    if gained < one.kind.worth or lead < LEAD:
         return RIGHT
-    if kind is OFFSET and environment.sky_mean is None:  # a sky that was missed looks like one
+    if one.at_end or (other.at_end and lead < gained / 2):  # what is right may lie beyond
         return RIGHT
-    error = around[1] + kind.step / 2 * _lowest(*(loss[kind.of(e)] for e in around))
-    return kind.of(round(error, 4)) if abs(error) >= kind.least else RIGHT
+    if one.kind is OFFSET and environment.sky_mean is None:  # a sky that was missed looks like one
+        return RIGHT
+    error = one.error + one.kind.step / 2 * _lowest(*(loss[c] for c in one.around))
+    if abs(error) < one.kind.least:
+        return RIGHT
+    found = one.kind.of(round(error, 4))
+    see([found])
+    return found
+
+
+def _best_of(kind, see, nats):
+    """The Best of all steps of a Kind."""
+    n = round(kind.most / kind.step)
+    errors = {kind.of(kind.step * i): kind.step * i for i in range(-n, n + 1) if i}
+    see(errors)
+    loss = _losses(nats)
+    error = errors[min(errors, key=loss.get)]
+    around = tuple(kind.of(error + side * kind.step / 2) for side in (-1, 0, 1))
+    see(around)
+    return Best(kind, error, around)
 
 
 def corrected(cube, c):
     """The HeatCube that a right camera would have shown, of a Calibration."""
+    netd_k = min(cube.netd_k * c.noise / c.gain, MAX_NETD_K)
+    if (c.gain, c.offset_k) == (1, 0):
+        return HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
     offset = noise_sigma(cube.wavelength_um, c.offset_k).astype(np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for to, band, o in zip(radiance, scratch.parts(cube.radiance), offset, strict=True):
         to[:] = _corrected(band, o, np.float32(c.gain))
         scratch.release(radiance)
     radiance.setflags(write=False)
-    return HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k / c.gain)
+    return HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
+
+
+def doubt_k(c, cube):
+    """By how much the radiance of a corrected cube may still be off in all pixels together, K at
+    300 K: bands that are wrong among each other are so by about what was called noise."""
+    if c.noise > 1:
+        return cube.netd_k
+    return DOUBT_K if c != RIGHT else 0.0
 
 
 def corrected_environment(environment, c):
@@ -129,17 +188,30 @@ def _corrected(radiance, offset, gain):
     return np.maximum(radiance - offset, DARKEST * radiance) / gain
 
 
-def _sample(cube):
-    """A HeatCube of about SAMPLES of its pixels, in rows and columns."""
-    step = max(1, int((cube.radiance[0].size / SAMPLES) ** 0.5))
-    radiance = np.stack([band[::step, ::step] for band in scratch.parts(cube.radiance)])
+def _sample(cube, left_out=None):
+    """A HeatCube of about SAMPLES of its pixels, in rows and columns. Those that are left out or
+    far hotter than all others, for whose sake T would have to be sought far away, are replaced by
+    a usual one."""
+    height, width = cube.shape
+    down = min(max(1, int((height * width / SAMPLES) ** 0.5)), height)
+    across = max(1, -(-height // down) * width // SAMPLES)
+    bands = scratch.parts(cube.radiance)
+    radiance = np.stack([band[::down, ::across] for band in bands])
+    t = brightness_temperature(cube.wavelength_um[:, None, None], radiance).mean(axis=0)
+    bad = t > np.quantile(t, 0.98) + FAR_K
+    if left_out is not None:
+        bad |= left_out[::down, ::across]
+    usual = np.argsort(np.where(bad, np.inf, t), axis=None)[(t.size - np.count_nonzero(bad)) // 2]
+    radiance[:, bad] = radiance.reshape(cube.bands, -1)[:, usual, None]
     return HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
 
 
-def _losses(seen):
-    """{Calibration: nats per pixel} of {Calibration: misfit (P,)}."""
-    most = min(np.median(nats) for nats in seen.values()) + ENOUGH
-    return {c: np.minimum(nats, most).mean() for c, nats in seen.items()}
+def _losses(all_nats, typical=None):
+    """{Calibration: nats per pixel} of {Calibration: nats (P,)}, typical being those of the typical
+    pixel: of the likeliest Calibration if None."""
+    if typical is None:
+        typical = min(np.median(nats) for nats in all_nats.values())
+    return {c: np.minimum(nats, typical + ENOUGH).mean() for c, nats in all_nats.items()}
 
 
 def _lowest(below, at, above):

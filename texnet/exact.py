@@ -119,6 +119,7 @@ def _maps(radiance, library, environment, model, local, answer, trust, threads):
         "texture": maps(texture.T),
         "sky_texture": maps(sky_texture),
         "residual": maps(residual),
+        "log_evidence": maps(np.logaddexp.reduce(-local.energy.astype(np.float64), axis=1)),
         "temperature_sigma_k": maps(sigma),
         "material_probability": maps(probability.T),
         "unknown": maps(~known, bool),  # so that what is no number is unknown

@@ -29,7 +29,7 @@ from physics.saturation import saturated
 from physics.spectral_shift import registered
 
 from . import glance
-from .calibration import DOUBT_K, RIGHT, calibration, corrected
+from .calibration import RIGHT, calibration, corrected, doubt_k
 from .doubt import sigma_among_neighbours, with_calibration_error
 from .progress import compiling
 
@@ -116,11 +116,12 @@ def decompose(
     k            number of environment objects, 1..10, estimated from the cube by K-means; or
                  "auto": as many as the scene supports (`physics.support`)
     environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
-                 the wavelengths; if it may be some kelvin off, say so: environment.off_by(kelvin)
+                 the wavelengths, and no gain or offset is looked for; if it may be some kelvin off,
+                 say so: environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
-                 together, in offset or gain: the cube cannot show it, so that temperature_sigma_k
-                 holds it if stated
+                 together, in offset or gain, beyond what the cube shows (`calibration`):
+                 temperature_sigma_k holds it if stated
     model        for net and net+sgd, run(radiance, known, progress, expected, regions) -> maps,
                  such as export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
@@ -166,6 +167,7 @@ def decompose(
         with compiling(progress):
             k = supported_count(cube, library, seed)
         lap("k")
+    beyond = saturated(cube)
     given, shown, netd_k = environment, RIGHT, cube.netd_k
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
@@ -175,9 +177,9 @@ def decompose(
         model = torch_model(method == "net+sgd")
     if given is None and method != "net":
         with compiling(None if method == "net+sgd" else progress):
-            shown = calibration(cube, environment, _misfit(method, library, model))
+            shown = calibration(cube, environment, _look(method, library, model), beyond)
         if shown != RIGHT:
-            cube = corrected(cube, shown)
+            cube, netd_k = corrected(cube, shown), cube.netd_k * shown.noise
             environment = estimate_environment(cube, library, k, seed=seed)
         lap("calibration")
     if method.startswith("net"):
@@ -203,17 +205,16 @@ def decompose(
     maps["temperature_sigma_k"] = sigma_among_neighbours(
         maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
     )
-    doubt = float(np.hypot(error, 0.0 if shown == RIGHT else DOUBT_K))
+    doubt = float(np.hypot(error, doubt_k(shown, cube)))
     if doubt:
         maps["temperature_sigma_k"] = with_calibration_error(
             maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um, doubt
         )
-    beyond = saturated(cube)
     maps["unknown"] |= beyond
     maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
-        saturated=beyond, **shown._asdict(),
+        saturated=beyond, gain=shown.gain, offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg, netd_k=netd_k,
         spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
@@ -221,21 +222,23 @@ def decompose(
     )  # fmt: skip
 
 
-def _misfit(method, library, model):
+def _look(method, library, model):
     """What `calibration` asks of a method."""
-    if method != "net+sgd":
-        from physics.support import free_energy
-
-        return lambda part, environment: free_energy(part, library, environment, part.spectra)
     basis = {}  # the same for all, so that their evidence can be compared
 
-    def misfit(part, environment):
-        known = known_arrays(part, library, environment)
-        basis.setdefault("basis", known["basis"])
-        maps = model(part.radiance, known | basis, None, None, None)
-        return -maps["log_evidence"].ravel().astype(np.float64)
+    def look(part, environment):
+        if method == "net+sgd":
+            known = known_arrays(part, library, environment)
+            basis.setdefault("basis", known["basis"])
+            maps = model(part.radiance, known | basis, None, None, None)
+        else:
+            from .exact import solve
 
-    return misfit
+            maps = solve(part, library, environment, None, False, lambda _: None, lambda _: None)
+        ground = maps["material"] != (-1 if library.sky_index is None else library.sky_index)
+        return -maps["log_evidence"].ravel().astype(np.float64), maps["residual"][ground]
+
+    return look
 
 
 def _whole(value, low, high):
