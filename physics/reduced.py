@@ -274,8 +274,12 @@ def _planck_series(nodes, emissivity, sigma, mid, half):
     b = radiance(nodes, (mid + half * grid)[:, None, None])  # (T, bands, nodes)
     glow = np.einsum("mbn,tbn->tmb", emissivity, b) / nodes.shape[1] / sigma
     flat = glow.reshape(len(grid), -1)
+    # at these points the polynomials are orthogonal: fewer terms are the same terms
+    polynomials = chebyshev.chebvander(grid, 39)
+    coefficients = polynomials.T @ flat * (2 / len(grid))
+    coefficients[0] /= 2
     for degree in range(1, 40):
-        coefficients = chebyshev.chebfit(grid, flat, degree)
-        if np.abs(chebyshev.chebval(grid, coefficients).T - flat).max() < SERIES_TOLERANCE:
+        fitted = polynomials[:, : degree + 1] @ coefficients[: degree + 1]
+        if np.abs(fitted - flat).max() < SERIES_TOLERANCE:
             break
-    return coefficients.reshape(degree + 1, *glow.shape[1:]).transpose(1, 0, 2)
+    return coefficients[: degree + 1].reshape(degree + 1, *glow.shape[1:]).transpose(1, 0, 2)

@@ -10,13 +10,18 @@ leave the simplex. An offset shows less: what it adds to a body at 300 K looks l
 only colder surfaces tell them apart.
 
 Of all gains alone and all offsets alone that one is taken by which the pixels are likeliest, if it
-is by far, and if not one of the other kind does nearly as well; an offset only where the sky is in
-view. A pixel counts at most ENOUGH nats:
-what the library does not explain has no more to say.
+is by far, if not one of the other kind does nearly as well, if with it they fit, and if it is not
+the last that was tried; an offset only where the sky is in view. A pixel counts at most ENOUGH
+nats: what the library does not explain has no more to say.
+
+Where nothing fits, not even the best quarter of what is not sky, something else is wrong: the bands
+among each other, the library's curves, or k is too small. Then the noise is taken to be MORE times
+as much as the residual: what is wrong is so in many pixels alike and misleads more than noise.
 
 The constants were found on scenes of no test with 9 and 54 bands: right cameras, gains and offsets
-off by 1 to 10 % and 1 to 3 K, libraries whose curves are 1 to 5 % wrong or that lack a common
-material, little sky in view, wavelengths off by a tenth of a band.
+off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries whose curves are
+1 to 5 % wrong or that lack a common material, little sky in view, wavelengths off by a tenth of a
+band.
 """
 
 from dataclasses import replace
