@@ -29,8 +29,8 @@ from physics.saturation import saturated
 from physics.spectral_shift import registered
 
 from . import glance
-from .calibration import RIGHT, calibration, corrected, doubt_k
-from .doubt import sigma_among_neighbours, with_calibration_error
+from .calibration import MORE, RIGHT, calibration, corrected, doubt_k
+from .doubt import CHI2_SIGMAS, sigma_among_neighbours, with_calibration_error
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
@@ -210,6 +210,9 @@ def decompose(
         maps["temperature_sigma_k"] = with_calibration_error(
             maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um, doubt
         )
+    if shown.noise > 1:  # what fits clearly worse than the best do is unknown, though not for noise
+        misfit = MORE * maps["residual"]
+        maps["unknown"] |= misfit**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / cube.bands)
     maps["unknown"] |= beyond
     maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(
