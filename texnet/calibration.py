@@ -24,33 +24,30 @@ off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, librari
 band.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from physics import scratch
 from physics.errors import InputError
-from physics.heat_cube import MAX_NETD_K, HeatCube
-from physics.planck import brightness_temperature, noise_sigma
+from physics.heat_cube import HeatCube
+from physics.planck import brightness_temperature, radiance, radiance_derivative
+
+from .band_gains import band_gains
+from .correction import RIGHT, Calibration, corrected, corrected_environment
 
 LEAST_PIXELS = 100
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
+# for the bands' own gains, and what must be left beyond FITS, over the bands: T, V and the material
+# explain too much of few
+LEAST_FOR_GAINS, CLEARLY = 12, 9.0
 SAMPLES, FAR_K = 500, 50.0  # pixels; above the hottest fiftieth of them
 ENOUGH = 5.0  # nats above the typical pixel's
 LEAD = 0.25  # nats per pixel over the best of the other kind
-DARKEST = 0.05  # what is left of a radiance, at least
-QUARTER, FITS, MORE = 0.25, 1.0, 4.0  # of the pixels; their residual, in noise units; see above
-DOUBT_K = 0.25  # what a calibration so found may still be off by, at 300 K
-
-
-class Calibration(NamedTuple):
-    """What a camera shows, over what there is: gain, offset in K at 300 K, and its noise over
-    what it is said to be."""
-
-    gain: float = 1.0
-    offset_k: float = 0.0
-    noise: float = 1.0
+# of the pixels; their residual, in noise units, and that from which the noise is MORE times as much
+QUARTER, FITS, RISE, MORE = 0.25, 1.0, 0.1, 4.0
+# what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
+DOUBT_K, SHARE = 0.25, 0.7
 
 
 class Kind(NamedTuple):
@@ -79,42 +76,63 @@ class Best(NamedTuple):
         return abs(self.error) > self.kind.most - self.kind.step / 2
 
 
-RIGHT = Calibration()
 GAIN = Kind(lambda error: Calibration(gain=1 + error), 0.01, 0.15, (0.01, 0.03, 0.1), 0.0075, 1.0)
 OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (1.0,), 0.5, 2.0)
 KINDS = GAIN, OFFSET
 
 
-def calibration(cube, environment, look, left_out=None):
+def calibration(cube, environment, look, library, left_out=None):
     """Calibration of a HeatCube with its NETD, of whose scene environment is the Environment.
 
-    look      (HeatCube, Environment) -> nats (P,), minus the log evidence of its pixels, and
-              residual, in noise units, of those that are not sky
+    look      (Environment, HeatCube, seen, expected, regions, alike) -> maps of its pixels by a
+              method, as `pipeline` has them
     left_out  (height, width) bool: pixels that say nothing, being saturated
     """
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return RIGHT
-    nats, residual = {}, {}
+    every = np.arange(len(library))
+
+    def answer(surroundings, part, alike=None):
+        return look(surroundings, part, every, None, None, alike)
+
+    def quarter(maps):
+        ground = maps["material"] != (-1 if library.sky_index is None else library.sky_index)
+        residual = maps["residual"][ground & np.isfinite(maps["residual"])]
+        return np.quantile(residual, QUARTER) if residual.size else 0.0
+
+    found, residual, stated = _gain_or_offset(part, environment, answer, quarter)
+    if found != RIGHT and residual <= FITS:
+        return found
+    if cube.bands >= LEAST_FOR_GAINS and stated > FITS + CLEARLY / cube.bands:
+        bands = band_gains(part, environment, answer, library, quarter)
+        maps = answer(corrected_environment(environment, bands), corrected(part, bands))
+        if quarter(maps) <= FITS:
+            return bands
+    much = np.clip((stated - FITS) / RISE + 0.5, 0, 1)  # no step, for what lies just beside it
+    return Calibration(noise=max((MORE * stated) ** float(much), 1.0), misfit=max(stated, 1.0))
+
+
+def _gain_or_offset(part, environment, answer, quarter):
+    """The Calibration by gain or offset that answer finds best, RIGHT if none is by far; the
+    residual of its best-fitting quarter, and that of RIGHT."""
+    nats, residual, alike = {}, {}, {}
 
     def see(all_of):
         for c in all_of:
             if c not in nats:
                 try:
-                    of_all, off = look(corrected(part, c), corrected_environment(environment, c))
+                    maps = answer(corrected_environment(environment, c), corrected(part, c), alike)
+                    of_all, residual[c] = -maps["log_evidence"].ravel(), quarter(maps)
                 except InputError:  # nothing looks like that
-                    of_all, off = np.full(part.radiance[0].size, np.inf), np.array([np.inf])
-                nats[c] = np.where(np.isfinite(of_all), of_all, np.inf)
-                off = off[np.isfinite(off)]
-                residual[c] = np.quantile(off, QUARTER) if off.size else 0.0
+                    of_all, residual[c] = np.full(part.radiance[0].size, np.inf), np.inf
+                nats[c] = np.where(np.isfinite(of_all), of_all, np.inf).astype(np.float64)
 
-    found = _gain_or_offset(environment, see, nats)
-    if residual[found] <= FITS:
-        return found
-    return Calibration(noise=round(MORE * max(float(residual[RIGHT]), 1.0), 3))
+    found = _likeliest(environment, see, nats)
+    return found, residual[found], residual[RIGHT]
 
 
-def _gain_or_offset(environment, see, nats):
+def _likeliest(environment, see, nats):
     """The Calibration that see, which fills nats, finds best; RIGHT if none is by far.
 
     A first look at a few errors tells whether there is anything to find. Then all steps of both
@@ -154,43 +172,17 @@ def _best_of(kind, see, nats):
     return Best(kind, error, around)
 
 
-def corrected(cube, c):
-    """The HeatCube that a right camera would have shown, of a Calibration."""
-    netd_k = min(cube.netd_k * c.noise / c.gain, MAX_NETD_K)
-    if (c.gain, c.offset_k) == (1, 0):
-        return HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
-    offset = noise_sigma(cube.wavelength_um, c.offset_k).astype(np.float32)
-    radiance = scratch.empty(cube.radiance.shape, np.float32)
-    for to, band, o in zip(radiance, scratch.parts(cube.radiance), offset, strict=True):
-        to[:] = _corrected(band, o, np.float32(c.gain))
-        scratch.release(radiance)
-    radiance.setflags(write=False)
-    return HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
-
-
 def doubt_k(c, cube):
     """By how much the radiance of a corrected cube may still be off in all pixels together, K at
-    300 K: bands that are wrong among each other are so by about what was called noise."""
+    300 K: where bands are wrong among each other by about what was called noise, or by a share of
+    what they were corrected by."""
+    if c == RIGHT:
+        return 0.0
     if c.noise > 1:
         return cube.netd_k
-    return DOUBT_K if c != RIGHT else 0.0
-
-
-def corrected_environment(environment, c):
-    """The Environment likewise."""
-    offset = noise_sigma(environment.wavelength_um, c.offset_k)
-    spectra = "radiance", "sky_mean"
-    deviations = "spread", "skylight_spread", "sky_spread"
-    given = {n: a for n in spectra if (a := getattr(environment, n)) is not None}
-    return replace(
-        environment, **{n: _corrected(a, offset, c.gain) for n, a in given.items()},
-        **{n: getattr(environment, n) / c.gain for n in deviations},
-    )  # fmt: skip
-
-
-def _corrected(radiance, offset, gain):
-    # the sky overhead, which is extrapolated, may be darker than an offset
-    return np.maximum(radiance - offset, DARKEST * radiance) / gain
+    w = cube.wavelength_um
+    off = (c.of_bands(cube.bands) - 1) * radiance(w, 300.0) / radiance_derivative(w, 300.0)
+    return float(np.hypot(DOUBT_K, SHARE * np.sqrt(np.mean(off**2))))
 
 
 def _sample(cube, left_out=None):

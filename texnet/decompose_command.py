@@ -94,7 +94,8 @@ def _of_answer(d, cube):
         "bands": cube.bands, "size": cube.shape,
         "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
-        "spectral_shift_um": d.spectral_shift_um, "gain": d.gain, "offset_k": d.offset_k,
+        "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
+        "band_gains": d.band_gains, "offset_k": d.offset_k,
         "calibration_error_k": d.calibration_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": "sky" in d.material_names,
@@ -183,6 +184,12 @@ def _of_calibration(gain, offset_k):
         )
 
 
+def _of_bands(gains):
+    off = np.std(gains)
+    if off:
+        yield f"Bands        off among each other by {off:.2%}, by what fits: likewise"
+
+
 def _summary(r):
     own, said = r["netd_k"], r["netd_stated_k"]
     source = "as stated" if own == said else "estimated"
@@ -196,6 +203,7 @@ def _summary(r):
         *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
         *_of_shift(r["spectral_shift_um"]),
         *_of_calibration(r["gain"], r["offset_k"]),
+        *_of_bands(r["band_gains"]),
         f"Objects      k = {r['k']}" + (", chosen" if r["k_chosen"] else ""),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),

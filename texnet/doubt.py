@@ -32,6 +32,12 @@ ROWS = 256  # at once
 GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
 
 
+def fits(residual, bands):
+    """Whether something in the library explains pixels of a residual, an array or tensor in noise
+    units: chi^2 is not far beyond its spread. Not where it is no number."""
+    return residual**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5
+
+
 def sigma_among_neighbours(sigma, temperature, material):
     """sigma (height, width) K of a map of T, K, and material, with the doubt that edges add."""
     out = scratch.empty(sigma.shape, np.float32)

@@ -13,13 +13,13 @@ from physics.tiles import TILE_BYTES, run_tiled
 
 from .doubt import (
     AIR_SIGMA_K,
-    CHI2_SIGMAS,
     LIKELY,
     LOCAL_TRUST,
     OTHER_K,
     OWN_PROBABILITY,
     RIM_NATS,
     SGD_TRUST,
+    fits,
 )
 
 HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
@@ -107,7 +107,7 @@ def _maps(radiance, library, environment, model, local, answer, trust, threads):
     # evidence against what its neighbours made of it
     own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
     own = own[p, state.material] / own.sum(axis=1)
-    known = residual**2 <= 1 + CHI2_SIGMAS * np.sqrt(2 / bands)
+    known = fits(residual, bands)
     known &= (probability[p, state.material] >= LIKELY) & (own >= OWN_PROBABILITY) & (t > 0)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype

@@ -33,7 +33,7 @@ from physics.refinement import (
 )  # fmt: skip
 
 from .chunks import ANSWERED, SEEN, by_chunks, chunks_of
-from .doubt import AIR_SIGMA_K, CHI2_SIGMAS, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS
+from .doubt import AIR_SIGMA_K, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS, fits
 from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # of a pixel, the likeliest
@@ -169,10 +169,10 @@ def _answer(
     sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
     visible = (~empty).float()
     # so put that what is no number is unknown
-    fits = (misfit**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5) | empty
+    explained = fits(misfit, bands) | empty
     own = of_m(torch.softmax(log_evidence, 0))
     likely = (of_m(p) >= NET_LIKELY) & (own >= OWN_PROBABILITY)
-    unknown = ~(fits & likely & (temperature > 0))
+    unknown = ~(explained & likely & (temperature > 0))
     return TeX(
         material_probability=p, material=material, temperature_k=temperature,
         temperature_sigma_k=sigma, thermal_lighting=v * visible, texture=texture * visible,

@@ -1,8 +1,8 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
-are those that the sky's ozone shows, if others than stated. Then comes the environment from the
-cube, the camera's gain or offset, if the pixels show it (`calibration`; not for net), and a glance
+are those that the sky's ozone shows, if others than stated. Then come the environment from the
+cube, the camera's gains or offset, if the pixels show them (`calibration`; not for net), a glance
 from afar at what materials there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
@@ -29,8 +29,9 @@ from physics.saturation import saturated
 from physics.spectral_shift import registered
 
 from . import glance
-from .calibration import MORE, RIGHT, calibration, corrected, doubt_k
-from .doubt import CHI2_SIGMAS, sigma_among_neighbours, with_calibration_error
+from .calibration import calibration, doubt_k
+from .correction import RIGHT, corrected
+from .doubt import fits, sigma_among_neighbours, with_calibration_error
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
@@ -61,8 +62,10 @@ class Decomposition:
     saturated             True where a band is at its ceiling: T is a lower bound
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
-    gain, offset_k        of the camera, by which the cube was corrected: the maps are of
-                          (S - offset) / gain, the offset being so many K at 300 K
+    gain, offset_k        of the camera, and
+    band_gains            (bands,) of its bands among each other, by which the cube was corrected:
+                          the maps are of (S - offset) / (gain band_gains), the offset being so
+                          many K at 300 K
     calibration_error_k   as it was stated, K at 300 K
     left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
@@ -89,6 +92,7 @@ class Decomposition:
     netd_k: float
     spectral_shift_um: float = 0.0
     gain: float = 1.0
+    band_gains: np.ndarray | float = 1.0
     offset_k: float = 0.0
     calibration_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
@@ -175,33 +179,24 @@ def decompose(
         from .learned import torch_model  # torch takes a second to load
 
         model = torch_model(method == "net+sgd")
+    if method.startswith("net"):
+        look, run = _by_network(library, model, report("network"))
+    else:
+        look, run = _exactly(library, method == "sgd", report, lap)
     if given is None and method != "net":
         with compiling(None if method == "net+sgd" else progress):
-            shown = calibration(cube, environment, _look(method, library, model), beyond)
+            shown = calibration(cube, environment, look, library, beyond)
         if shown != RIGHT:
             cube, netd_k = corrected(cube, shown), cube.netd_k * shown.noise
             environment = estimate_environment(cube, library, k, seed=seed)
         lap("calibration")
-    if method.startswith("net"):
-
-        def look(part, seen, expected, regions, progress=None):
-            known = only(known_arrays(part, library, environment), seen)
-            return model(part.radiance, known, progress, expected, regions)
-
+    nets = method.startswith("net")
+    with compiling(None if nets else progress):
         maps = glance.answer(
-            partial(look, progress=report("network")), look, cube, len(library), expects=True
+            partial(run, environment), partial(look, environment), cube, len(library), expects=nets
         )
+    if nets:
         lap("network")
-    else:
-        from .exact import solve  # and so does numba
-
-        def run(part, seen, _, regions, smooth=method == "sgd", report=report, lap=lap):
-            there = library.subset([library.names[i] for i in seen])
-            return solve(part, there, environment, regions, smooth, report, lap)
-
-        look = partial(run, smooth=False, report=lambda _: None, lap=lambda _: None)
-        with compiling(progress):
-            maps = glance.answer(run, look, cube, len(library), expects=False)
     maps["temperature_sigma_k"] = sigma_among_neighbours(
         maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
     )
@@ -211,13 +206,14 @@ def decompose(
             maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um, doubt
         )
     if shown.noise > 1:  # what fits clearly worse than the best do is unknown, though not for noise
-        misfit = MORE * maps["residual"]
-        maps["unknown"] |= misfit**2 > 1 + CHI2_SIGMAS * np.sqrt(2 / cube.bands)
+        misfit = maps["residual"] * (shown.noise / shown.misfit)
+        maps["unknown"] |= ~fits(misfit, cube.bands)
     maps["unknown"] |= beyond
     maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
-        saturated=beyond, gain=shown.gain, offset_k=shown.offset_k,
+        saturated=beyond,
+        gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg, netd_k=netd_k,
         spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
@@ -225,23 +221,29 @@ def decompose(
     )  # fmt: skip
 
 
-def _look(method, library, model):
-    """What `calibration` asks of a method."""
-    basis = {}  # the same for all, so that their evidence can be compared
+def _by_network(library, model, progress):
+    """look and run: (Environment, HeatCube, seen, expected, regions, alike) -> maps, as `glance`
+    wants them of an environment, without and with progress. The evidence of answers that were
+    given the same dict alike can be compared; of all others it cannot."""
 
-    def look(part, environment):
-        if method == "net+sgd":
-            known = known_arrays(part, library, environment)
-            basis.setdefault("basis", known["basis"])
-            maps = model(part.radiance, known | basis, None, None, None)
-        else:
-            from .exact import solve
+    def look(environment, part, seen, expected, regions, alike=None, progress=None):
+        known = only(known_arrays(part, library, environment), seen)
+        if alike is not None:
+            known["basis"] = alike.setdefault("basis", known["basis"])
+        return model(part.radiance, known, progress, expected, regions)
 
-            maps = solve(part, library, environment, None, False, lambda _: None, lambda _: None)
-        ground = maps["material"] != (-1 if library.sky_index is None else library.sky_index)
-        return -maps["log_evidence"].ravel().astype(np.float64), maps["residual"][ground]
+    return look, partial(look, progress=progress)
 
-    return look
+
+def _exactly(library, smooth, report, lap):
+    """The same of local and sgd; look, which never smooths, reports nothing."""
+    from .exact import solve  # numba takes a second to load
+
+    def run(environment, part, seen, _, regions, alike=None, smooth=smooth, report=report, lap=lap):
+        there = library.subset([library.names[i] for i in seen])
+        return solve(part, there, environment, regions, smooth, report, lap)
+
+    return partial(run, smooth=False, report=lambda _: None, lap=lambda _: None), run
 
 
 def _whole(value, low, high):

@@ -1,0 +1,74 @@
+"""Gains of a camera's bands among each other, where all pixels agree on them.
+
+A camera whose bands are off by g_b each shows g_b S_b of every pixel, so that what Eq. 1 leaves of
+its spectra is the same share in all,
+
+    S_b / S~_b - 1  ~  g_b - 1,
+
+less what T, V and the deviations of the surroundings make up for in the fit. That is taken out, the
+rest fitted again, and so on, as long as it helps. What looks like another T is left by no fit, and
+stays: of a gain of all bands nothing can be said where these are off.
+
+A curve of the library that is wrong leaves something in its own material alone. So each material's
+pixels count by their median, and each material alike.
+
+Wrong bands make wrong materials fit, which then explain them. So the noise is first taken to be
+FIRST times as much as stated, and then, step by step, TIMES as much as what is left.
+"""
+
+import numpy as np
+
+from physics.bands import quadrature
+from physics.planck import radiance as planck
+
+from .correction import Calibration, corrected, corrected_environment
+
+FIRST, TIMES = 64.0, (8.0, 4.0)
+HELPS = 0.97  # what a step leaves of the residual, at most, to be followed by another like it
+STEPS = 24  # at most
+FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
+LEAST_PIXELS = 8  # of a material
+MOST = 0.15  # that a logarithm of a gain may be
+
+
+def band_gains(cube, environment, look, library, quarter):
+    """Calibration of a HeatCube by the gains of its bands, and the residual that it leaves.
+
+    look     (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
+             residual are used
+    quarter  residual of pixels, in noise units -> that of those that fit best
+    """
+    log_gain, last, at = np.zeros(cube.bands), np.inf, 0
+    found = Calibration(noise=FIRST)
+    for _ in range(STEPS):
+        surroundings, part = corrected_environment(environment, found), corrected(cube, found)
+        maps = look(surroundings, part)
+        left = quarter(maps) * part.netd_k / cube.netd_k
+        if left > HELPS * last:
+            at += 1
+        if at == len(TIMES):
+            break
+        last = left
+        log_gain += np.log1p(_in_common(part, library, maps))
+        log_gain = np.clip(log_gain - log_gain.mean(), -MOST, MOST)
+        noise = min(found.noise, TIMES[at] * max(left, 1.0))
+        found = Calibration(noise=noise, bands=tuple(np.exp(log_gain).tolist()))
+    return found._replace(noise=1.0)
+
+
+def _in_common(cube, library, maps):
+    """(bands,) by how much the radiance of the materials is more than Eq. 1 makes of it."""
+    pixels = maps["material"] != (-1 if library.sky_index is None else library.sky_index)
+    pixels &= np.isfinite(maps["residual"])
+    if not pixels.any():
+        return np.zeros(cube.bands)
+    pixels &= maps["residual"] <= np.quantile(maps["residual"][pixels], FITTING)
+    material, t = maps["material"][pixels], maps["temperature_k"][pixels]
+    texture, measured = maps["texture"][:, pixels].T, cube.radiance[:, pixels].T
+    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)[material]
+    glow = (curves * planck(nodes, t[:, None, None])).mean(axis=-1)
+    more = measured / (glow + (1 - curves.mean(axis=-1)) * texture) - 1
+    kinds, count = np.unique(material, return_counts=True)
+    kinds = kinds[count >= min(LEAST_PIXELS, count.max())]
+    return np.mean([np.median(more[material == m], axis=0) for m in kinds], axis=0)
