@@ -83,8 +83,22 @@ def test_sky_and_what_is_no_number_say_nothing():
     wild[:, 3:5] *= 1.5
     got = found(HeatCube(wild, W, WIDTH, 0.05), maps)
     np.testing.assert_allclose(got / got.mean(), gains / gains.mean(), rtol=1e-4)
-    maps["material"][:] = SKY
-    assert (found(HeatCube(wild, W, WIDTH, 0.05), maps) == 1).all()
+
+
+@pytest.mark.parametrize("materials", [[SKY], GROUND[:1]])
+def test_one_material_alone_cannot_tell_a_curve_from_the_bands(materials):
+    cube, maps = scene(4, materials)
+    environment, left = Environment(np.full((1, 20), 5.0), W), iter([1.0, 99.0, 99.0])
+    assert band_gains(cube, environment, lambda *_: maps, LIBRARY, lambda _: next(left)) is None
+
+
+def test_where_texture_went_below_zero_nothing_is_said():
+    cube, maps = scene(5, GROUND)
+    gains = np.exp(0.01 * np.random.default_rng(5).normal(size=20))
+    maps["texture"][:, ::4] = -1e3
+    np.testing.assert_allclose(
+        found(shown(cube, gains), maps), gains / np.exp(np.log(gains).mean()), rtol=1e-5
+    )
 
 
 def test_gains_do_not_run_away():

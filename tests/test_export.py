@@ -95,6 +95,8 @@ def assert_close(a, b, temperature_k=5e-3, lighting=1e-3):
     assert t.max() <= temperature_k
     v = np.abs(a["thermal_lighting"] - b["thermal_lighting"])[:, same]
     assert v.max() <= lighting
+    # what `texnet.calibration` compares, to a tenth of a nat
+    np.testing.assert_allclose(a["log_evidence"], b["log_evidence"], rtol=1e-4, atol=0.02)
 
 
 RANDOM = np.random.default_rng(5)

@@ -1,7 +1,9 @@
 """texnet: temperature, emissivity and texture from thermal hyperspectral cubes. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
-calibration  gain or offset of the camera, where the scene shows it
+calibration  gains or offset of the camera, where the scene shows them
+band_gains  gains of its bands among each other
+correction  what a right camera would have shown
 glance      which materials the scene holds, and where, from afar
 exact       methods local and sgd
 model       net+sgd as one module: evidence, network, refinement, texture

@@ -10,7 +10,7 @@ rest fitted again, and so on, as long as it helps. What looks like another T is 
 stays: of a gain of all bands nothing can be said where these are off.
 
 A curve of the library that is wrong leaves something in its own material alone. So each material's
-pixels count by their median, and each material alike.
+pixels count by their median, and each material alike; and two must be left to say so in the end.
 
 Wrong bands make wrong materials fit, which then explain them. So the noise is first taken to be
 FIRST times as much as stated, and then, step by step, TIMES as much as what is left.
@@ -21,18 +21,18 @@ import numpy as np
 from physics.bands import quadrature
 from physics.planck import radiance as planck
 
-from .correction import Calibration, corrected, corrected_environment
+from .correction import DARKEST, Calibration, corrected, corrected_environment
 
 FIRST, TIMES = 64.0, (8.0, 4.0)
 HELPS = 0.97  # what a step leaves of the residual, at most, to be followed by another like it
 STEPS = 24  # at most
 FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
-LEAST_PIXELS = 8  # of a material
+LEAST_PIXELS, LEAST_KINDS = 8, 2  # of a material; of materials
 MOST = 0.15  # that a logarithm of a gain may be
 
 
 def band_gains(cube, environment, look, library, quarter):
-    """Calibration of a HeatCube by the gains of its bands, and the residual that it leaves.
+    """Calibration of a HeatCube by the gains of its bands; None where one material alone is left.
 
     look     (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
              residual are used
@@ -49,26 +49,33 @@ def band_gains(cube, environment, look, library, quarter):
         if at == len(TIMES):
             break
         last = left
-        log_gain += np.log1p(_in_common(part, library, maps))
+        more = _more(part, library, maps)
+        if len(more):
+            log_gain += np.log1p(more.mean(axis=0))
         log_gain = np.clip(log_gain - log_gain.mean(), -MOST, MOST)
         noise = min(found.noise, TIMES[at] * max(left, 1.0))
         found = Calibration(noise=noise, bands=tuple(np.exp(log_gain).tolist()))
-    return found._replace(noise=1.0)
+    return found._replace(noise=1.0) if len(more) >= LEAST_KINDS else None
 
 
-def _in_common(cube, library, maps):
-    """(bands,) by how much the radiance of the materials is more than Eq. 1 makes of it."""
-    pixels = maps["material"] != (-1 if library.sky_index is None else library.sky_index)
-    pixels &= np.isfinite(maps["residual"])
-    if not pixels.any():
-        return np.zeros(cube.bands)
-    pixels &= maps["residual"] <= np.quantile(maps["residual"][pixels], FITTING)
+def ground(maps, library):
+    """Which pixels are not sky, of maps of `model.TeX`."""
+    return maps["material"] != (-1 if library.sky_index is None else library.sky_index)
+
+
+def _more(cube, library, maps):
+    """(materials, bands) by how much the radiance of each is more than Eq. 1 makes of it."""
+    pixels = ground(maps, library) & np.isfinite(maps["residual"])
+    if pixels.any():
+        pixels &= maps["residual"] <= np.quantile(maps["residual"][pixels], FITTING)
     material, t = maps["material"][pixels], maps["temperature_k"][pixels]
     texture, measured = maps["texture"][:, pixels].T, cube.radiance[:, pixels].T
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)[material]
     glow = (curves * planck(nodes, t[:, None, None])).mean(axis=-1)
-    more = measured / (glow + (1 - curves.mean(axis=-1)) * texture) - 1
+    rendered = glow + (1 - curves.mean(axis=-1)) * texture
+    able = (rendered > DARKEST * measured).all(axis=1)  # not where X went below 0
+    material, more = material[able], measured[able] / rendered[able] - 1
     kinds, count = np.unique(material, return_counts=True)
-    kinds = kinds[count >= min(LEAST_PIXELS, count.max())]
-    return np.mean([np.median(more[material == m], axis=0) for m in kinds], axis=0)
+    kinds = kinds[count >= LEAST_PIXELS]
+    return np.array([np.median(more[material == m], axis=0) for m in kinds])

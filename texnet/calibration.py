@@ -1,4 +1,4 @@
-"""Gain or offset of the camera, and its noise, where the scene itself shows them.
+"""Gains or offset of the camera, and its noise, where the scene itself shows them.
 
 A camera of gain g and offset o shows g S + o. Of Eq. 1 only the glow is known beforehand; the
 light that is reflected was seen by the same camera, so that with e, T and V as they are it shows
@@ -14,9 +14,11 @@ is by far, if not one of the other kind does nearly as well, if with it they fit
 the last that was tried; an offset only where the sky is in view. A pixel counts at most ENOUGH
 nats: what the library does not explain has no more to say.
 
-Where nothing fits, not even the best quarter of what is not sky, something else is wrong: the bands
-among each other, the library's curves, or k is too small. Then the noise is taken to be MORE times
-as much as the residual: what is wrong is so in many pixels alike and misleads more than noise.
+Where nothing fits, not even the best quarter of what is not sky, something else is wrong. It may be
+the bands among each other, if with gains of their own (`band_gains`) all fits. Else it is the
+library's curves, or k is too small. Then the noise is taken to be MORE times as much as the
+residual, by and by from where it just fits: what is wrong is so in many pixels alike and misleads
+more than noise.
 
 The constants were found on scenes of no test with 9 and 54 bands: right cameras, gains and offsets
 off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries whose curves are
@@ -30,10 +32,11 @@ import numpy as np
 
 from physics import scratch
 from physics.errors import InputError
-from physics.heat_cube import HeatCube
-from physics.planck import brightness_temperature, radiance, radiance_derivative
+from physics.heat_cube import MAX_NETD_K, HeatCube
+from physics.planck import brightness_temperature, radiance_derivative
+from physics.planck import radiance as planck
 
-from .band_gains import band_gains
+from .band_gains import band_gains, ground
 from .correction import RIGHT, Calibration, corrected, corrected_environment
 
 LEAST_PIXELS = 100
@@ -97,20 +100,23 @@ def calibration(cube, environment, look, library, left_out=None):
         return look(surroundings, part, every, None, None, alike)
 
     def quarter(maps):
-        ground = maps["material"] != (-1 if library.sky_index is None else library.sky_index)
-        residual = maps["residual"][ground & np.isfinite(maps["residual"])]
-        return np.quantile(residual, QUARTER) if residual.size else 0.0
+        residual = maps["residual"][ground(maps, library) & np.isfinite(maps["residual"])]
+        return float(np.quantile(residual, QUARTER)) if residual.size else 0.0
 
     found, residual, stated = _gain_or_offset(part, environment, answer, quarter)
     if found != RIGHT and residual <= FITS:
         return found
     if cube.bands >= LEAST_FOR_GAINS and stated > FITS + CLEARLY / cube.bands:
         bands = band_gains(part, environment, answer, library, quarter)
-        maps = answer(corrected_environment(environment, bands), corrected(part, bands))
-        if quarter(maps) <= FITS:
-            return bands
-    much = np.clip((stated - FITS) / RISE + 0.5, 0, 1)  # no step, for what lies just beside it
-    return Calibration(noise=max((MORE * stated) ** float(much), 1.0), misfit=max(stated, 1.0))
+        if bands is not None:
+            maps = answer(corrected_environment(environment, bands), corrected(part, bands))
+            if quarter(maps) <= FITS:
+                return bands
+    if stated <= FITS:
+        return RIGHT
+    # no step, for what lies just beside it
+    noise = (MORE * stated) ** min((stated - FITS) / RISE, 1.0)
+    return Calibration(noise=min(round(noise, 3), MAX_NETD_K / cube.netd_k), misfit=stated)
 
 
 def _gain_or_offset(part, environment, answer, quarter):
@@ -179,9 +185,9 @@ def doubt_k(c, cube):
     if c == RIGHT:
         return 0.0
     if c.noise > 1:
-        return cube.netd_k
+        return cube.netd_k * (1 - 1 / c.noise)
     w = cube.wavelength_um
-    off = (c.of_bands(cube.bands) - 1) * radiance(w, 300.0) / radiance_derivative(w, 300.0)
+    off = (c.of_bands(cube.bands) - 1) * planck(w, 300.0) / radiance_derivative(w, 300.0)
     return float(np.hypot(DOUBT_K, SHARE * np.sqrt(np.mean(off**2))))
 
 

@@ -187,7 +187,10 @@ def _of_calibration(gain, offset_k):
 def _of_bands(gains):
     off = np.std(gains)
     if off:
-        yield f"Bands        off among each other by {off:.2%}, by what fits: likewise"
+        yield (
+            f"Bands        off among each other by {off:.2%}, by what fits: all is of the cube "
+            "without that"
+        )
 
 
 def _summary(r):

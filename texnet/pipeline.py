@@ -63,9 +63,9 @@ class Decomposition:
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
     gain, offset_k        of the camera, and
-    band_gains            (bands,) of its bands among each other, by which the cube was corrected:
-                          the maps are of (S - offset) / (gain band_gains), the offset being so
-                          many K at 300 K
+    band_gains            (bands,), or 1, of its bands among each other, by which the cube was
+                          corrected: the maps are of (S - offset) / (gain band_gains), the offset
+                          being so many K at 300 K
     calibration_error_k   as it was stated, K at 300 K
     left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
@@ -175,22 +175,22 @@ def decompose(
     given, shown, netd_k = environment, RIGHT, cube.netd_k
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
-    if method.startswith("net") and model is None:
+    nets = method.startswith("net")
+    if nets and model is None:
         from .learned import torch_model  # torch takes a second to load
 
         model = torch_model(method == "net+sgd")
-    if method.startswith("net"):
+    if nets:
         look, run = _by_network(library, model, report("network"))
     else:
         look, run = _exactly(library, method == "sgd", report, lap)
     if given is None and method != "net":
-        with compiling(None if method == "net+sgd" else progress):
+        with compiling(None if nets else progress):
             shown = calibration(cube, environment, look, library, beyond)
         if shown != RIGHT:
             cube, netd_k = corrected(cube, shown), cube.netd_k * shown.noise
             environment = estimate_environment(cube, library, k, seed=seed)
         lap("calibration")
-    nets = method.startswith("net")
     with compiling(None if nets else progress):
         maps = glance.answer(
             partial(run, environment), partial(look, environment), cube, len(library), expects=nets
