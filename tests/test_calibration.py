@@ -93,7 +93,7 @@ def test_nothing_else_is_taken_for_it(name, bands):
     ]  # fmt: skip
     for of, library in cases:
         d = decompose(of, library)
-        assert (d.gain, d.offset_k) == (1, 0)
+        assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
     assert decompose(cube).netd_k == cube.netd_k
 
 
@@ -105,11 +105,12 @@ def of_bands(cube, off):
 
 @pytest.mark.parametrize(
     ("name", "bands", "method", "percent"),
-    [("forest", 54, "net+sgd", 1), ("street", 54, "local", 0.5), ("street", 54, "net+sgd", 0.3),
-     ("patterned", 18, "net+sgd", 1)],
+    [("forest", 54, "net+sgd", 0.3), ("forest", 54, "local", 0.3), ("forest", 54, "local", 1),
+     ("street", 54, "net+sgd", 0.5), ("patterned", 18, "net+sgd", 1)],
 )  # fmt: skip
 def test_bands_off_among_each_other_are_found(name, bands, method, percent):
-    """1 % of each band by itself is 14 NETDs: it would make nonsense of T and materials."""
+    """0.3 % of each band by itself is 4 NETDs: it would make nonsense of T and materials, even
+    where wrong ones then seem to fit (forest, local, 1 %)."""
     cube, truth = traced(name, bands)
     gains = 1 + percent / 100 * np.random.default_rng(1).normal(size=bands)
     shown = of_bands(cube, gains - 1)
@@ -123,10 +124,10 @@ def test_bands_off_among_each_other_are_found(name, bands, method, percent):
         shown, method=method, environment=estimate_environment(shown, LIBRARY, 5)
     )
     error, without = (np.abs(a.temperature_k - truth.temperature_k)[ground] for a in (d, believed))
-    assert np.median(error) < min(0.6, 0.8 * np.median(without))
-    assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.9
+    assert np.median(error) < min(0.3, 0.5 * np.median(without))
+    assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
     named = lambda d: (names_of(d) == names_of(truth)).mean()  # noqa: E731
-    assert named(d) > named(right) - 0.05 > named(believed)
+    assert named(d) > named(right) - 0.02 > named(believed) + 0.1
 
 
 @pytest.mark.parametrize(("bands", "percent", "seed"), [(24, 0.5, 2), (54, 1, 2)])
@@ -163,7 +164,7 @@ def test_what_fits_nowhere_is_noise(bands, method, percent):
         cube = of_bands(cube, 0.005 * np.random.default_rng(1).normal(size=bands))
     d = decompose(cube, with_errors(percent), method=method)
     assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
-    assert d.netd_k > 1.2 * cube.netd_k
+    assert d.netd_k > 2 * cube.netd_k
     ground = names_of(truth) != "sky"
     error = np.abs(d.temperature_k - truth.temperature_k)[ground]
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.9
@@ -230,7 +231,8 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
         ground = np.full(part.shape, (LIBRARY.sky_index + 1) % len(LIBRARY))
         return {
             "log_evidence": -nats.reshape(12, 12), "residual": np.full(part.shape, residual),
-            "material": ground,
+            "material": ground, "temperature_k": np.full(part.shape, 290.0),
+            "texture": part.radiance,
         }  # fmt: skip
 
     return calibration(cube, environment, look, LIBRARY)
@@ -276,7 +278,7 @@ def test_it_must_gain_enough_and_more_than_the_other_kind():
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(0.5, 1.5), st.floats(0, 0.01))
+@given(st.floats(0.5, 1.5), st.floats(0, 0.005))
 def test_the_noise_rises_without_a_step(residual, more):
     of = lambda residual: found(lambda gain, offset_k: 10.0, residual=residual)  # noqa: E731
     less, much = of(residual), of(residual + more)

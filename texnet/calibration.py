@@ -15,7 +15,8 @@ the last that was tried; an offset only where the sky is in view. A pixel counts
 nats: what the library does not explain has no more to say.
 
 Where nothing fits, not even the best quarter of what is not sky, something else is wrong. It may be
-the bands among each other, if with gains of their own (`band_gains`) all fits. Else it is the
+the bands among each other, if with gains of their own (`band_gains`) all fits and the pixels are
+likelier by far, which is looked for even where wrong materials seem to fit. Else it is the
 library's curves, or k is too small. Then the noise is taken to be MORE times as much as the
 residual, by and by from where it just fits: what is wrong is so in many pixels alike and misleads
 more than noise.
@@ -41,14 +42,13 @@ from .correction import RIGHT, Calibration, corrected, corrected_environment
 
 LEAST_PIXELS = 100
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
-# for the bands' own gains, and what must be left beyond FITS, over the bands: T, V and the material
-# explain too much of few
-LEAST_FOR_GAINS, CLEARLY = 12, 9.0
+LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
+GAINS_WORTH = 2.0  # nats per pixel; curves that are wrong gain less
 SAMPLES, FAR_K = 500, 50.0  # pixels; above the hottest fiftieth of them
 ENOUGH = 5.0  # nats above the typical pixel's
 LEAD = 0.25  # nats per pixel over the best of the other kind
 # of the pixels; their residual, in noise units, and that from which the noise is MORE times as much
-QUARTER, FITS, RISE, MORE = 0.25, 1.0, 0.1, 4.0
+QUARTER, FITS, RISE, MORE = 0.25, 1.0, 0.04, 4.0
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
 DOUBT_K, SHARE = 0.25, 0.7
 
@@ -103,25 +103,6 @@ def calibration(cube, environment, look, library, left_out=None):
         residual = maps["residual"][ground(maps, library) & np.isfinite(maps["residual"])]
         return float(np.quantile(residual, QUARTER)) if residual.size else 0.0
 
-    found, residual, stated = _gain_or_offset(part, environment, answer, quarter)
-    if found != RIGHT and residual <= FITS:
-        return found
-    if cube.bands >= LEAST_FOR_GAINS and stated > FITS + CLEARLY / cube.bands:
-        bands = band_gains(part, environment, answer, library, quarter)
-        if bands is not None:
-            maps = answer(corrected_environment(environment, bands), corrected(part, bands))
-            if quarter(maps) <= FITS:
-                return bands
-    if stated <= FITS:
-        return RIGHT
-    # no step, for what lies just beside it
-    noise = (MORE * stated) ** min((stated - FITS) / RISE, 1.0)
-    return Calibration(noise=min(round(noise, 3), MAX_NETD_K / cube.netd_k), misfit=stated)
-
-
-def _gain_or_offset(part, environment, answer, quarter):
-    """The Calibration by gain or offset that answer finds best, RIGHT if none is by far; the
-    residual of its best-fitting quarter, and that of RIGHT."""
     nats, residual, alike = {}, {}, {}
 
     def see(all_of):
@@ -134,11 +115,25 @@ def _gain_or_offset(part, environment, answer, quarter):
                     of_all, residual[c] = np.full(part.radiance[0].size, np.inf), np.inf
                 nats[c] = np.where(np.isfinite(of_all), of_all, np.inf).astype(np.float64)
 
-    found = _likeliest(environment, see, nats)
-    return found, residual[found], residual[RIGHT]
+    found = _gain_or_offset(environment, see, nats)
+    if found != RIGHT and residual[found] <= FITS:
+        return found
+    if cube.bands >= LEAST_FOR_GAINS:
+        found = band_gains(part, environment, answer, library, quarter)
+        if found is not None:
+            see([found])
+            loss = _losses({c: nats[c] for c in (RIGHT, found)})
+            if residual[found] <= FITS and loss[RIGHT] - loss[found] >= GAINS_WORTH:
+                return found
+    stated = residual[RIGHT]
+    if stated <= FITS:
+        return RIGHT
+    # no step, for what lies just beside it
+    noise = (MORE * stated) ** min((stated - FITS) / RISE, 1.0)
+    return Calibration(noise=min(round(noise, 3), MAX_NETD_K / cube.netd_k), misfit=stated)
 
 
-def _likeliest(environment, see, nats):
+def _gain_or_offset(environment, see, nats):
     """The Calibration that see, which fills nats, finds best; RIGHT if none is by far.
 
     A first look at a few errors tells whether there is anything to find. Then all steps of both
