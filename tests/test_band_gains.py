@@ -39,11 +39,15 @@ def scene(seed, materials, wrong=None):
     return cube, maps
 
 
-def found(cube, maps, once=True):
-    """The gains found where a fit finds T, m and X whatever the bands do."""
-    environment = Environment(np.full((1, 20), 5.0), W)
-    left = iter([1.0, 99.0, 99.0] if once else 0.9 ** np.arange(30))
-    c = band_gains(cube, environment, lambda *_: maps, LIBRARY, lambda _: next(left))
+def gains_of(cube, maps, left=(1.0, 0.5, 9.0, 9.0)):
+    """Calibration where a fit finds T, m and X whatever the bands do, and leaves as much as left
+    says in one step after the other."""
+    environment, left = Environment(np.full((1, 20), 5.0), W), iter(left)
+    return band_gains(cube, environment, lambda *_: maps, LIBRARY, lambda _: next(left))
+
+
+def found(*of):
+    c = gains_of(*of)
     assert (c.gain, c.offset_k, c.noise, c.misfit) == (1, 0, 1, 1)
     return np.array(c.bands)
 
@@ -88,8 +92,7 @@ def test_sky_and_what_is_no_number_say_nothing():
 @pytest.mark.parametrize("materials", [[SKY], GROUND[:1]])
 def test_one_material_alone_cannot_tell_a_curve_from_the_bands(materials):
     cube, maps = scene(4, materials)
-    environment, left = Environment(np.full((1, 20), 5.0), W), iter([1.0, 99.0, 99.0])
-    assert band_gains(cube, environment, lambda *_: maps, LIBRARY, lambda _: next(left)) is None
+    assert gains_of(cube, maps) is None
 
 
 def test_where_texture_went_below_zero_nothing_is_said():
@@ -104,5 +107,12 @@ def test_where_texture_went_below_zero_nothing_is_said():
 def test_gains_do_not_run_away():
     cube, maps = scene(3, GROUND)
     maps["texture"] = maps["texture"] * np.linspace(0.1, 60, 20)[:, None, None]
-    log_gain = np.log(found(cube, maps, once=False))
+    log_gain = np.log(found(cube, maps, 0.9 ** np.arange(30)))
     assert np.abs(log_gain).max() == pytest.approx(0.15, abs=1e-6)
+
+
+def test_a_step_that_leaves_more_is_taken_back():
+    cube, maps = scene(6, GROUND)
+    off = shown(cube, np.linspace(0.98, 1.02, 20))
+    np.testing.assert_array_equal(found(off, maps, (1.0, 1.1, 1.1)), 1.0)
+    assert np.ptp(found(off, maps, (1.0, 0.99, 1.1))) > 0.03  # little less is less

@@ -38,24 +38,26 @@ def band_gains(cube, environment, look, library, quarter):
              residual are used
     quarter  residual of pixels, in noise units -> that of those that fit best
     """
-    log_gain, last, at = np.zeros(cube.bands), np.inf, 0
-    found = Calibration(noise=FIRST)
+    log_gain = kept = np.zeros(cube.bands)
+    noise, least, at = FIRST, np.inf, 0
     for _ in range(STEPS):
+        found = Calibration(noise=noise, bands=tuple(np.exp(log_gain).tolist()))
         surroundings, part = corrected_environment(environment, found), corrected(cube, found)
         maps = look(surroundings, part)
         left = quarter(maps) * part.netd_k / cube.netd_k
-        if left > HELPS * last:
-            at += 1
+        at += left > HELPS * least
+        if left > least:  # the step is taken back
+            log_gain = kept
+        else:
+            least, kept, more = left, log_gain, _more(part, library, maps)
+            if len(more):
+                log_gain = log_gain + np.log1p(more.mean(axis=0))
+            log_gain = np.clip(log_gain - log_gain.mean(), -MOST, MOST)
         if at == len(TIMES):
             break
-        last = left
-        more = _more(part, library, maps)
-        if len(more):
-            log_gain += np.log1p(more.mean(axis=0))
-        log_gain = np.clip(log_gain - log_gain.mean(), -MOST, MOST)
-        noise = min(found.noise, TIMES[at] * max(left, 1.0))
-        found = Calibration(noise=noise, bands=tuple(np.exp(log_gain).tolist()))
-    return found._replace(noise=1.0) if len(more) >= LEAST_KINDS else None
+        noise = min(noise, TIMES[at] * max(least, 1.0))
+    gains = tuple(np.exp(kept).tolist())
+    return Calibration(bands=gains) if len(more) >= LEAST_KINDS else None
 
 
 def ground(maps, library):
