@@ -24,24 +24,21 @@ what is said of that material's pixels where the library lacks it:
     false_alarms  share of all other pixels that are unknown though their material is right
     unknown_else  share of all other pixels that are unknown
 
-atlas.png shows the axes. A method is at fault (`faults`, printed) where it raises or returns what
-is not finite, or where from one level to the next its error grows while its sigma shrinks, both
-by more than a tenth.
+atlas.png shows the axes; atlas.md has the figures, and lists the faults (`benchmarks.atlas`).
 """
 
 import argparse
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks import ONNX
 from benchmarks.accuracy import RANDOM_SCENES, test_scenes
+from benchmarks.atlas import draw, faults, page
 from benchmarks.rows import read_csv, settings, write_csv
 from physics.bands import equidistant_bands
 from physics.errors import InputError
@@ -53,26 +50,19 @@ from physics.planck import brightness_temperature, noise_sigma, radiance, radian
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.sensor import add_noise
-from physics.whole_file import whole_file
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
 from texnet.progress import progress_bar
 from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS, NETD_K, K = (72, 96), 64, 54, 0.05, 5
-STYLE = {  # Okabe and Ito's colours
-    "local": ("#0072B2", "o-"), "sgd": ("#009E73", "^--"), "net": ("#E69F00", "s-."),
-    "net+sgd": ("#D55E00", "D-"),
-}  # fmt: skip
 COLUMNS = (
     "temperature_rmse_k", "temperature_mae_k", "brightness_mae_k", "sigma_k", "within_1_sigma",
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
 COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
-DOUBT = ("covered", "unknown", "false_alarms", "unknown_else")
 GREY = 0.95  # emissivity that a brightness temperature is corrected for
-FAULT = 1.1
 
 
 @dataclass(frozen=True)
@@ -424,23 +414,6 @@ def amplification(case, d, other):
     return float(np.median(ratio[np.isfinite(sigma)])) if np.isfinite(sigma).any() else np.nan
 
 
-def faults(rows):
-    """Sentences on what must not be: failures, and errors that grow while sigma shrinks."""
-    for r in rows:
-        if r["failure"]:
-            yield f"{r['axis']} {r['level']:g}, {r['scene']}, {r['method']}: {r['failure']}"
-    for key in dict.fromkeys((r["axis"], r["scene"], r["method"]) for r in rows):
-        of = [r for r in rows if (r["axis"], r["scene"], r["method"]) == key and not r["failure"]]
-        for a, b in zip(of, of[1:], strict=False):
-            grew = b["temperature_mae_k"] > FAULT * a["temperature_mae_k"]
-            if grew and b["sigma_k"] * FAULT < a["sigma_k"]:
-                yield (
-                    f"{', '.join(key)}, from {a['level']:g} to {b['level']:g}: T off by "
-                    f"{b['temperature_mae_k']:.2f} K instead of {a['temperature_mae_k']:.2f}, "
-                    f"sigma {b['sigma_k']:.2f} K instead of {a['sigma_k']:.2f}"
-                )
-
-
 def measured(axis, level, view, library, model):
     """Rows of one axis and level in one scene, of all methods."""
     of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
@@ -478,51 +451,6 @@ def missing_rows(scene, cube, truth, library, model):
             }  # fmt: skip
 
 
-def missing_table(rows):
-    """Lines of text: the means of missing.csv, and in how many cases 90 % are covered."""
-    for method in METHODS if rows else ():
-        of = [r for r in rows if r["method"] == method]
-        means = ", ".join(f"{name} {100 * np.mean([r[name] for r in of]):.1f} %" for name in DOUBT)
-        enough = sum(r["covered"] >= 0.9 for r in of)
-        yield f"a material missing, {method:8}{means}; 90 % covered in {enough} of {len(of)}"
-
-
-def draw(rows, path):
-    """The atlas: per axis a panel of T's error and sigma, above one of materials."""
-    columns = 4
-    lines = -(-len(AXES) // columns)
-    figure = Figure(figsize=(2.7 * columns, 3.9 * lines), layout="constrained")
-    cells = figure.subfigures(lines, columns)
-    for cell, (name, axis) in zip(cells.flat, AXES.items(), strict=False):
-        top, bottom = cell.subplots(2, 1, sharex=True)
-        at = range(len(axis.levels))
-        for method, (colour, mark) in STYLE.items():
-            of = [r for r in rows if (r["axis"], r["method"]) == (name, method)]
-            mean = partial(_means, of, axis.levels)
-            top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
-            bottom.plot(at, mean("material_accuracy"), mark, color=colour)
-            if method == "net+sgd":
-                dots = "net+sgd: its sigma; share unknown"
-                top.plot(at, mean("sigma_k"), ":", color=colour, label=dots)
-                today = "brightness temperature"
-                top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label=today)
-                bottom.plot(at, mean("abstention"), ":", color=colour)
-        top.set(yscale="log", title=name, ylabel="T error (K)")
-        top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
-        top.yaxis.set_minor_formatter(NullFormatter())
-        bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="share")
-        levels = [f"{level:g}" for level in axis.levels]
-        if len(levels) >= 8:  # no room for more than .05
-            levels = [level.removeprefix("0") or "0" for level in levels]
-        bottom.set_xticks(list(at), levels, fontsize=9)
-    handles = top.get_legend_handles_labels()
-    figure.suptitle("Above: mean error of T; below: share of pixels with the right material")
-    figure.legend(*handles, loc="outside lower center", ncols=3)
-    with whole_file(path) as part:
-        figure.savefig(part, dpi=80)
-
-
 def _value(text):
     try:
         return float(text)
@@ -530,15 +458,9 @@ def _value(text):
         return text
 
 
-def _means(rows, levels, what):
-    """Of a column, the mean over the scenes at each level."""
-    of = [[r[what] for r in rows if r["level"] == level] for level in levels]
-    return [np.nanmean(values) if np.isfinite(values).any() else np.nan for values in of]
-
-
 def measure(out, axes=tuple(AXES), progress=None):
-    """Write stability.csv, missing.csv and atlas.png into the folder out -> the rows of the
-    first two and sentences on faults.
+    """Write stability.csv, missing.csv, atlas.png and atlas.md into the folder out -> the rows of
+    the first two and sentences on faults.
 
     progress  called as progress(done, total, what) after each level; what this code and machine
               left in the tables already is not measured again
@@ -560,7 +482,7 @@ def measure(out, axes=tuple(AXES), progress=None):
             _write(out / "stability.csv", rows, made)
         if progress:
             progress(done, len(jobs), axis)
-    draw(rows, out / "atlas.png")
+    draw(rows, AXES, out / "atlas.png")
     doubt = _read(out / "missing.csv", made)
     if "material missing" in axes:
         known = list(dict.fromkeys(r["scene"] for r in doubt))
@@ -571,6 +493,7 @@ def measure(out, axes=tuple(AXES), progress=None):
             known.append(scene)
             if progress:
                 progress(len(known), RANDOM_SCENES, "missing")
+    page(rows, AXES, doubt, out / "atlas.md")
     return rows, doubt, list(faults(rows))
 
 
@@ -592,7 +515,7 @@ def main():
     args = parser.parse_args()
     with progress_bar() as report:
         rows, missing, wrong = measure(args.out, args.axes, report)
-    print("\n".join([*missing_table(missing), *(wrong or ["no faults"])]))
+    print("\n".join(wrong or ["no faults"]))
     if args.json:
         print(json.dumps({"rows": rows, "missing": missing, "faults": wrong}, default=float))
 

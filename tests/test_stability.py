@@ -1,4 +1,4 @@
-"""The difficulties of the atlas are those that it names, and its faults are found."""
+"""The difficulties of the atlas are those that it names."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import rows, stability
-from benchmarks.stability import AXES, METHODS, Case, View, amplification, faults, missing_rows
+from benchmarks.stability import AXES, METHODS, Case, View, amplification, missing_rows
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, radiance
 from texnet.metrics import non_sky
@@ -133,13 +133,3 @@ def test_rows_of_other_code_do_not_count(tmp_path, monkeypatch):
     assert stability._read(table, rows.settings()) == kept
     monkeypatch.setattr(rows, "CODE", [])
     assert stability._read(table, rows.settings()) == []
-
-
-def test_faults_are_found():
-    def row(level, error, sigma, failure=""):
-        return {"axis": "x", "scene": "s", "method": "m", "level": level, "failure": failure,
-                "temperature_mae_k": error, "sigma_k": sigma}  # fmt: skip
-
-    assert not list(faults([row(0, 1, 1), row(1, 2, 2), row(2, 1, 1)]))
-    assert len(list(faults([row(0, 1, 1), row(1, 2, 0.5)]))) == 1
-    assert len(list(faults([row(0, 1, 1), row(1, np.nan, np.nan, "raised")]))) == 1

@@ -287,7 +287,7 @@ def bench_speed(args):
 
 
 def bench_stability(args):
-    from benchmarks.stability import measure, missing_table
+    from benchmarks.stability import measure
 
     from .outputs import check_directory
     from .progress import progress_bar
@@ -295,8 +295,8 @@ def bench_stability(args):
     check_directory(args.out)
     with progress_bar() as report:
         rows, missing, faults = measure(args.out, progress=report)
-    files = f"{args.out}: stability.csv, missing.csv, atlas.png."
-    text = "\n".join([*missing_table(missing), *faults, files])
+    files = f"{args.out}: stability.csv, missing.csv, atlas.png, atlas.md."
+    text = "\n".join([*faults, files])
     return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
 
 

@@ -1,0 +1,154 @@
+"""The atlas of `benchmarks.stability`: its rows as a picture and as a page.
+
+A method is at fault where it raises or returns what is not finite, or where from one level to the
+next its error grows while its sigma shrinks, both by more than a tenth.
+"""
+
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from physics.whole_file import whole_file
+from texnet.pipeline import METHODS
+
+STYLE = {  # Okabe and Ito's colours
+    "local": ("#0072B2", "o-"), "sgd": ("#009E73", "^--"), "net": ("#E69F00", "s-."),
+    "net+sgd": ("#D55E00", "D-"),
+}  # fmt: skip
+TABLED = "net+sgd", "local"
+KELVIN = {"temperature_mae_k": "T off by (K)", "sigma_k": "sigma (K)"}
+SHARES = {"within_2_sigma": "in 2 sigma", "material_accuracy": "right", "abstention": "`unknown`"}
+FAULT = 1.1
+HEAD = """# The atlas in figures
+
+    texnet bench stability --out stability      # half an hour on two cores
+
+writes this page, `atlas.md`, with `atlas.png`. One difficulty at a time is turned up, see
+`benchmarks/stability.py`; 54 bands and 50 mK unless that is the difficulty. Means over the scenes
+of the mean error of T, its median sigma, the share of T's errors within two sigmas, and of the
+pixels with the right material and those called `unknown`; grey is a brightness temperature at an
+emissivity of 0.95.
+"""
+MISSING = """
+## A material that the library lacks
+
+One of the three commonest materials of a scene is missing from the library. Covered: of its pixels,
+those that are `unknown` or have a T within two sigmas. False alarms: of all other pixels, those
+that are `unknown` though their material is right. Mean, its standard error, median.
+"""
+FAULTS = """
+## Faults
+
+{} in {} answers: failures, and errors of T that grow by more than a tenth from one level to the
+next while the median sigma shrinks by more than a tenth.
+"""
+
+
+def draw(rows, axes, path):
+    """The atlas: per axis a panel of T's error and sigma, above one of materials."""
+    columns = 4
+    lines = -(-len(axes) // columns)
+    figure = Figure(figsize=(2.7 * columns, 3.9 * lines), layout="constrained")
+    cells = figure.subfigures(lines, columns)
+    for cell, (name, axis) in zip(cells.flat, axes.items(), strict=False):
+        top, bottom = cell.subplots(2, 1, sharex=True)
+        at = range(len(axis.levels))
+        for method, (colour, mark) in STYLE.items():
+            of = [r for r in rows if (r["axis"], r["method"]) == (name, method)]
+            mean = partial(_means, of, axis.levels)
+            top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
+            bottom.plot(at, mean("material_accuracy"), mark, color=colour)
+            if method == "net+sgd":
+                dots = "net+sgd: its sigma; share unknown"
+                top.plot(at, mean("sigma_k"), ":", color=colour, label=dots)
+                today = "brightness temperature"
+                top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label=today)
+                bottom.plot(at, mean("abstention"), ":", color=colour)
+        top.set(yscale="log", title=name, ylabel="T error (K)")
+        top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
+        top.yaxis.set_minor_formatter(NullFormatter())
+        bottom.set(ylim=(0, 1), xlabel=axis.label, ylabel="share")
+        levels = [f"{level:g}" for level in axis.levels]
+        if len(levels) >= 8:  # no room for more than .05
+            levels = [level.removeprefix("0") or "0" for level in levels]
+        bottom.set_xticks(list(at), levels, fontsize=9)
+    handles = top.get_legend_handles_labels()
+    figure.suptitle("Above: mean error of T; below: share of pixels with the right material")
+    figure.legend(*handles, loc="outside lower center", ncols=3)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=80)
+
+
+def page(rows, axes, missing, path):
+    """Write the atlas in figures, as Markdown."""
+    wrong = list(faults(rows))
+    lines = [HEAD, *table(rows, axes)]
+    if missing:
+        lines += [MISSING, *missing_table(missing)]
+    lines += [FAULTS.format(len(wrong), len(rows)), *(f"* {fault}" for fault in wrong)]
+    with whole_file(path) as part:
+        part.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+def table(rows, axes):
+    """Lines of the page: a row for each level."""
+    heads = KELVIN | SHARES
+    names = [f"`{m}`: {h}" if i == 0 else h for m in TABLED for i, h in enumerate(heads.values())]
+    names = ["difficulty", "level", "grey: T off by (K)", *names]
+    yield f"| {' | '.join(names)} |"
+    yield "|---" * len(names) + "|"
+    for name, axis in axes.items():
+        of = {m: [r for r in rows if (r["axis"], r["method"]) == (name, m)] for m in TABLED}
+        if not any(of.values()):
+            continue
+        columns = [(TABLED[0], "brightness_mae_k"), *((m, what) for m in TABLED for what in heads)]
+        means = [_means(of[m], axis.levels, what) for m, what in columns]
+        for i, level in enumerate(axis.levels):
+            values = (
+                f"{of_what[i]:.0%}" if what in SHARES else f"{of_what[i]:.2f}"
+                for (_, what), of_what in zip(columns, means, strict=True)
+            )
+            title = f"{name}: {axis.label}" if i == 0 else ""
+            yield f"| {title} | {level:g} | {' | '.join(values)} |"
+
+
+def missing_table(rows):
+    """Lines of the page: of each method, over the cases."""
+    yield "| | covered | median | cases with 90 % | false alarms | median |"
+    yield "|---" * 6 + "|"
+    for method in METHODS:
+        of = [r for r in rows if r["method"] == method]
+        covered, alarms = (np.array([r[what] for r in of]) for what in ("covered", "false_alarms"))
+        enough = f"{np.count_nonzero(covered >= 0.9)} of {len(of)}"
+        yield f"| `{method}` | {_spread(covered)} | {enough} | {_spread(alarms)} |"
+
+
+def _spread(of):
+    error = of.std(ddof=1) / len(of) ** 0.5 if len(of) > 1 else np.nan
+    return f"{100 * of.mean():.1f} ± {100 * error:.1f} % | {100 * np.median(of):.1f} %"
+
+
+def faults(rows):
+    """Sentences on what must not be: failures, and errors that grow while sigma shrinks."""
+    for r in rows:
+        if r["failure"]:
+            yield f"{r['axis']} {r['level']:g}, {r['scene']}, {r['method']}: {r['failure']}"
+    for key in dict.fromkeys((r["axis"], r["scene"], r["method"]) for r in rows):
+        of = [r for r in rows if (r["axis"], r["scene"], r["method"]) == key and not r["failure"]]
+        for a, b in zip(of, of[1:], strict=False):
+            grew = b["temperature_mae_k"] > FAULT * a["temperature_mae_k"]
+            if grew and b["sigma_k"] * FAULT < a["sigma_k"]:
+                yield (
+                    f"{', '.join(key)}, from {a['level']:g} to {b['level']:g}: T off by "
+                    f"{b['temperature_mae_k']:.2f} K instead of {a['temperature_mae_k']:.2f}, "
+                    f"sigma {b['sigma_k']:.2f} K instead of {a['sigma_k']:.2f}"
+                )
+
+
+def _means(rows, levels, what):
+    """Of a column, the mean over the scenes at each level."""
+    of = [[r[what] for r in rows if r["level"] == level] for level in levels]
+    return [np.nanmean(values) if np.isfinite(values).any() else np.nan for values in of]

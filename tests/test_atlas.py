@@ -1,0 +1,51 @@
+"""The atlas says in figures what its rows hold, and finds their faults."""
+
+import numpy as np
+
+from benchmarks.atlas import draw, faults, page
+from benchmarks.stability import COLUMNS, METHODS, Axis
+
+AXES = {"noise": Axis("NETD (K)", (0.1, 1), None), "not measured": Axis("what", (0,), None)}
+
+
+def row(level, error, sigma, failure="", method="m", scene="s"):
+    return dict.fromkeys(COLUMNS, 0.5) | {
+        "axis": "noise", "scene": scene, "method": method, "level": level, "failure": failure,
+        "temperature_mae_k": error, "sigma_k": sigma,
+    }  # fmt: skip
+
+
+def doubt(method, covered):
+    return {"method": method, "covered": covered, "false_alarms": 0.04}
+
+
+def test_faults_are_found():
+    assert not list(faults([row(0, 1, 1), row(1, 2, 2), row(2, 1, 1)]))
+    assert len(list(faults([row(0, 1, 1), row(1, 2, 0.5)]))) == 1
+    assert len(list(faults([row(0, 1, 1), row(1, np.nan, np.nan, "raised")]))) == 1
+
+
+def test_the_page_has_means_over_scenes_and_cases(tmp_path):
+    rows = [
+        row(level, error * level, 2.0, method=method, scene=scene)
+        for method in METHODS for scene, error in (("a", 1), ("b", 3)) for level in (0.1, 1)
+    ]  # fmt: skip
+    missing = [doubt(method, c) for method in METHODS for c in (0.8, 0.9, 1.0)]
+    page(rows, AXES, missing, tmp_path / "atlas.md")
+    text = (tmp_path / "atlas.md").read_text()
+    three = "50% | 50% | 50%"
+    first = f"0.20 | 2.00 | {three}"
+    assert f"| noise: NETD (K) | 0.1 | 0.50 | {first} | {first} |" in text
+    assert f"|  | 1 | 0.50 | 2.00 | 2.00 | {three} |" in text
+    assert "not measured" not in text
+    assert "| `net+sgd` | 90.0 ± 5.8 % | 90.0 % | 2 of 3 | 4.0 ± 0.0 % | 4.0 % |" in text
+    assert "0 in 16 answers" in text
+
+
+def test_a_part_of_the_axes_can_be_shown(tmp_path):
+    rows = [row(0.1, 1, 1, method="net+sgd")]
+    page(rows, AXES, [], tmp_path / "atlas.md")
+    text = (tmp_path / "atlas.md").read_text()
+    assert "lacks" not in text and "| 0.1 |" in text
+    draw(rows, AXES, tmp_path / "atlas.png")
+    assert (tmp_path / "atlas.png").stat().st_size > 1000
