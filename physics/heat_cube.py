@@ -17,6 +17,8 @@ MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
 def numbers(values, what):
     """values as an array of real numbers; InputError, which starts with what, if they are not."""
+    if np.ma.is_masked(values):
+        raise InputError(f"{what} must not be masked anywhere: fill it, or cut the part out.")
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths
@@ -96,10 +98,11 @@ class HeatCube:
             dark = sum(np.count_nonzero(s[b] <= 0) for b in some)
             first = next(b for b in some if not lit(s[b]).all())
             row, column = np.argwhere(~lit(s[first]))[0]
+            counts = (bad, "NaN or infinite"), (dark, "zero or negative")
+            counts = " and ".join(f"{n} of its values are {what}" for n, what in counts if n)
             raise InputError(
-                f"cube: {bad} of its values are NaN or infinite, {dark} are zero or negative, "
-                f"the first in band {first}, row {row}, column {column}; replace dead pixels by "
-                "their neighbours, or check the calibration."
+                f"cube: {counts}, the first at {w[first]:.5g} um, row {row}, column {column}; "
+                "replace dead pixels by their neighbours, cut edges off, or check the calibration."
             )
         some = np.quantile(np.flatnonzero(alive), [0, 0.5, 1], method="lower")
         typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])

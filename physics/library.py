@@ -119,8 +119,8 @@ class MaterialLibrary:
         if w.min() < low - 1e-9 or w.max() > high + 1e-9:
             raise InputError(
                 f"library: its curves cover {low:g}-{high:g} um but the bands need "
-                f"{w.min():.4g}-{w.max():.4g} um; take another library, or leave bands out by "
-                "`texnet import --range`."
+                f"{w.min():.4g}-{w.max():.4g} um; take another library, or bands within its curves "
+                f"(of a cube, those that `texnet import CUBE --range {low:.4g}:{high:.4g}` leaves)."
             )
         return np.stack([np.interp(w, self.wavelength_um, e) for e in self.emissivity])
 
@@ -165,8 +165,9 @@ class MaterialLibrary:
             raise
         except (KeyError, TypeError, ValueError) as e:
             raise InputError(
-                f"library: {path} must hold wavelength_um and materials with name and emissivity "
-                f"({type(e).__name__}: {e})."
+                f"library: {path} must hold wavelength_um, a list of numbers, and materials, each "
+                "with its name and its emissivity, as many numbers; what does not: "
+                f"{f'there is no {e}' if isinstance(e, KeyError) else e}."
             ) from e
 
     @staticmethod

@@ -1,6 +1,7 @@
 """A time budget: the most accurate method that fits, whatever the machine measures."""
 
 import json
+from types import SimpleNamespace
 
 import made_up
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 import texnet.budget as module
 from physics import InputError, MaterialLibrary
-from texnet.budget import CROP, best_first, choose, first_within, middle
+from texnet.budget import CROP, best_first, choose, first_within, middle, thinned
 from texnet.cli import main
 from texnet.cube_io import write_cube
 from texnet.pipeline import METHODS
@@ -93,6 +94,13 @@ def test_the_middle_of_a_cube_is_that_and_of_a_small_one_all():
     assert part.netd_k == cube.netd_k
 
 
+def test_a_thinned_cube_is_of_all_of_it():
+    cube = made_up.cube(made_up.truth(140, 20))
+    part = thinned(cube, 64)
+    np.testing.assert_array_equal(part.radiance, cube.radiance[:, ::2])
+    assert part.netd_k == cube.netd_k
+
+
 # --- the whole of it -----------------------------------------------------------------------
 
 
@@ -107,21 +115,26 @@ def cube_and_library(tmp_path):
 
 
 def test_what_is_foreseen_is_what_the_clock_says(monkeypatch):
-    """By a clock that only the method moves: 2 s a pixel for one method, 1 s for the other."""
-    now, tried = [0.0], []
+    """By a clock that only the method moves: 2 s a pixel for one method, 1 s for the other, and
+    what is done once, where no environment is given."""
+    now, tried, once = [0.0], [], 9000 * 0.5
 
-    def decompose(cube, library, *, method, environment, model, progress):
+    def decompose(cube, library, *, method, k, model, progress, environment=None):
         tried.append((method, cube.shape))
-        assert model == f"model of {method}" and environment is not None
+        assert model == f"model of {method}" and k == 3
         now[0] += {"net+sgd": 2.0, "net": 1.0}[method] * cube.radiance[0].size
+        if environment is not None:
+            return None
+        now[0] += once
+        return SimpleNamespace(seconds={"calibration": once} if method == "net+sgd" else {})
 
     monkeypatch.setattr(module, "decompose", decompose)
     monkeypatch.setattr(module, "best_first", lambda bands: ["net+sgd", "net"])
     monkeypatch.setattr(module.time, "perf_counter", lambda: now[0])
     cube = made_up.cube(made_up.truth(30, 300))
     library, named = MaterialLibrary.starter(), "model of {}".format
-    assert choose(cube, library, 3, 2.5e6, named) == ("net+sgd", 3, pytest.approx(2e6))
-    assert choose(cube, library, 3, 1.5e6, named) == ("net", 3, pytest.approx(1e6))
+    assert choose(cube, library, 3, 2.6e6, named) == ("net+sgd", 3, pytest.approx(2.5e6))
+    assert choose(cube, library, 3, 2.4e6, named) == ("net", 3, pytest.approx(1e6))
     assert tried[-1] == ("net", (30, CROP))
 
 
@@ -140,7 +153,11 @@ def test_a_budget_chooses_and_is_reported(tmp_path, cube_and_library, capfd, mon
 
 def test_a_single_material_leaves_the_methods_without_a_network(monkeypatch):
     tried = []
-    monkeypatch.setattr(module, "decompose", lambda *_, method, **__: tried.append(method))
+    def decompose(*_, method, **__):
+        tried.append(method)
+        return SimpleNamespace(seconds={})
+
+    monkeypatch.setattr(module, "decompose", decompose)
     cube, library = made_up.cube(made_up.truth(8, 9)), MaterialLibrary.starter().subset(["water"])
     assert choose(cube, library, 3, 1e9, lambda method: None)[0] in ("sgd", "local")
     assert not {"net", "net+sgd"} & set(tried)

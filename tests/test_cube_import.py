@@ -563,8 +563,8 @@ def test_one_band_has_one_centre(tmp_path, capfd):
 @pytest.mark.parametrize(
     "flags, sentence",
     [
-        (["--rows", "2:"], "no rows 2:, only 2 of them"),
-        (["--columns", "3:3"], "no columns 3:3, only 4"),
+        (["--rows", "2:"], "no rows 2:, but 0:2"),
+        (["--columns", "3:3"], "no columns 3:3, but 0:4"),
         (["--columns", "1-3"], "need FROM:TO such as 10:500"),
         (["--range", "3:5"], "no good band lies within 3-5 um; they lie at 8-13.89 um"),
     ],

@@ -80,9 +80,9 @@ def test_as_many_wavelengths_as_values(make):
         (dict(radiance=S[:, 0]), "(5, 4)"),
         (dict(radiance=S[:, :0]), "(5, 0, 4)"),
         (dict(radiance=S.transpose(1, 2, 0)), "bands first"),
-        (dict(radiance=changed(S, (1, 2, 3), np.nan)), "the first in band 1, row 2, column 3"),
+        (dict(radiance=changed(S, (1, 2, 3), np.nan)), "NaN or infinite, the first at"),
         (dict(radiance=changed(S, (1, 2, 3), np.inf)), "infinite"),
-        (dict(radiance=changed(S, (1, 2), 0)), "4 are zero"),
+        (dict(radiance=changed(S, (1, 2), 0)), "4 of its values are zero"),
         (dict(radiance=changed(S, (1, 2, 3), -1)), "negative"),
         (dict(fwhm_um=[0.1] * 4), "fwhm_um"),
         (dict(fwhm_um=0.1), "fwhm_um"),
@@ -476,3 +476,11 @@ def test_a_library_that_is_no_json_is_told_how_to_become_one(tmp_path):
     file = tmp_path / "l.csv"
     file.write_text("wavelength_um,water\n8,0.98\n14,0.95\n")
     assert "texnet library import" in sentence(MaterialLibrary.load, file)
+
+
+def test_a_masked_array_is_refused():
+    s = np.ma.masked_array(np.full((2, 3, 4), 8.0))
+    assert HeatCube(s, [10.0, 11.0]).bands == 2
+    s[0, 1, 1] = np.ma.masked
+    with pytest.raises(InputError, match="must not be masked"):
+        HeatCube(s, [10.0, 11.0])

@@ -14,12 +14,15 @@ is by far, if not one of the other kind does nearly as well, if with it they fit
 the last that was tried; an offset only where the sky is in view. A pixel counts at most ENOUGH
 nats: what the library does not explain has no more to say.
 
-Where nothing fits, not even the best quarter of what is not sky, something else is wrong. It may be
-the bands among each other, if with gains of their own (`band_gains`) all fits and the pixels are
-likelier by far, which is looked for even where wrong materials seem to fit. Else it is the
-library's curves, or k is too small. Then the noise is taken to be MORE times as much as the
-residual, by and by from where it just fits: what is wrong is so in many pixels alike and misleads
-more than noise.
+What nothing in the library fits at the noise that is stated shows less than one would think: wrong
+materials make up for wrong curves and bands, mirrors above all. At more noise they have less
+to make up for, and their evidence loses. So the noise is first taken to be FIRST times as much as
+stated, and then MORE times what is left even of the pixels that fit best, as long as that is less
+(`_left`). If what is left then is the noise that was stated, all is well. If not, it may be the
+bands among each other, if with gains of their own (`band_gains`) nothing else is left. Else it is
+the library's curves, or k is too small: the noise is taken to be MORE times as much as what is
+left, by and by from where it just fits, because what is wrong is so in many pixels alike and
+misleads more than noise.
 
 The constants were found on scenes of no test with 9 and 54 bands: right cameras, gains and offsets
 off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries whose curves are
@@ -43,12 +46,14 @@ from .correction import RIGHT, Calibration, corrected, corrected_environment
 LEAST_PIXELS = 100
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
 LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
-GAINS_WORTH = 2.0  # nats per pixel; curves that are wrong gain less
+LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
 SAMPLES, FAR_K = 500, 50.0  # pixels; above the hottest fiftieth of them
 ENOUGH = 5.0  # nats above the typical pixel's
 LEAD = 0.25  # nats per pixel over the best of the other kind
-# of the pixels; their residual, in noise units, and that from which the noise is MORE times as much
-QUARTER, FITS, RISE, MORE = 0.25, 1.0, 0.04, 4.0
+QUARTER = 0.25  # of the pixels: those that fit best
+JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
+RISE, MORE = 0.1, 4.0  # by how much more has the noise MORE times as much as is left
+FIRST, LESS = 64.0, 0.9  # of the noise; what is less is not just less
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
 DOUBT_K, SHARE = 0.25, 0.7
 
@@ -103,34 +108,57 @@ def calibration(cube, environment, look, library, left_out=None):
         residual = maps["residual"][ground(maps, library) & np.isfinite(maps["residual"])]
         return float(np.quantile(residual, QUARTER)) if residual.size else 0.0
 
-    nats, residual, alike = {}, {}, {}
+    nats, alike = {}, {}
 
     def see(all_of):
         for c in all_of:
             if c not in nats:
                 try:
                     maps = answer(corrected_environment(environment, c), corrected(part, c), alike)
-                    of_all, residual[c] = -maps["log_evidence"].ravel(), quarter(maps)
+                    of_all = -maps["log_evidence"].ravel()
                 except InputError:  # nothing looks like that
-                    of_all, residual[c] = np.full(part.radiance[0].size, np.inf), np.inf
+                    of_all = np.full(part.radiance[0].size, np.inf)
                 nats[c] = np.where(np.isfinite(of_all), of_all, np.inf).astype(np.float64)
 
+    def left(c):
+        """_left of what is corrected by a Calibration."""
+        stated = corrected(part, c).netd_k
+
+        def at(noise):
+            noisy = c._replace(noise=noise)
+            taken = corrected(part, noisy)
+            return quarter(answer(corrected_environment(environment, noisy), taken)) * (
+                taken.netd_k / stated
+            )
+
+        return _left(at)
+
+    just = JUST + PER_BAND / cube.bands
     found = _gain_or_offset(environment, see, nats)
-    if found != RIGHT and residual[found] <= FITS:
+    misfit = left(found)
+    if misfit > just + RISE and found != RIGHT:
+        found, misfit = RIGHT, left(RIGHT)
+    enough = cube.bands >= LEAST_FOR_GAINS and len(environment) >= LEAST_OBJECTS
+    if misfit > just + RISE and enough:
+        evened = band_gains(part, environment, answer, library, quarter)
+        if evened is not None and (less := left(evened)) <= just + RISE:
+            found, misfit = evened, less
+    if misfit <= just:
         return found
-    if cube.bands >= LEAST_FOR_GAINS:
-        found = band_gains(part, environment, answer, library, quarter)
-        if found is not None:
-            see([found])
-            loss = _losses({c: nats[c] for c in (RIGHT, found)})
-            if residual[found] <= FITS and loss[RIGHT] - loss[found] >= GAINS_WORTH:
-                return found
-    stated = residual[RIGHT]
-    if stated <= FITS:
-        return RIGHT
     # no step, for what lies just beside it
-    noise = (MORE * stated) ** min((stated - FITS) / RISE, 1.0)
-    return Calibration(noise=min(round(noise, 3), MAX_NETD_K / cube.netd_k), misfit=stated)
+    noise = (MORE * misfit) ** min((misfit - just) / RISE, 1.0)
+    noise = min(round(noise, 3), MAX_NETD_K / cube.netd_k)
+    return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
+
+
+def _left(at):
+    """What is left even of the pixels that fit best, in noise units as stated; at(noise) is that
+    where the noise is taken to be so many times as much."""
+    noise, less = np.inf, FIRST
+    while less <= LESS * noise:
+        noise, left = less, at(less)
+        less = MORE * max(left, 1.0)
+    return left
 
 
 def _gain_or_offset(environment, see, nats):
@@ -175,15 +203,14 @@ def _best_of(kind, see, nats):
 
 def doubt_k(c, cube):
     """By how much the radiance of a corrected cube may still be off in all pixels together, K at
-    300 K: where bands are wrong among each other by about what was called noise, or by a share of
+    300 K: where bands are wrong among each other by about what was called noise, and by a share of
     what they were corrected by."""
-    if c == RIGHT:
-        return 0.0
-    if c.noise > 1:
-        return cube.netd_k * (1 - 1 / c.noise)
+    noise = cube.netd_k * (1 - 1 / c.noise)
+    if c._replace(noise=1.0, misfit=1.0) == RIGHT:
+        return noise
     w = cube.wavelength_um
     off = (c.of_bands(cube.bands) - 1) * planck(w, 300.0) / radiance_derivative(w, 300.0)
-    return float(np.hypot(DOUBT_K, SHARE * np.sqrt(np.mean(off**2))))
+    return float(np.sqrt(DOUBT_K**2 + SHARE**2 * np.mean(off**2) + noise**2))
 
 
 def _sample(cube, left_out=None):

@@ -137,8 +137,8 @@ def _parser():
     for name in ("--rows", "--columns"):
         p.add_argument(
             name, metavar="FROM:TO", type=_slice,
-            help=f"these {name[2:]} alone, from 0, the last not included, as in Python; either end "
-            "may be left out",
+            help=f"these {name[2:]} alone, counted from 0, TO itself left out; either end may be "
+            "missing",
         )  # fmt: skip
     p.add_argument(
         "--range", metavar="LOW:HIGH", type=_first_last,
@@ -146,7 +146,10 @@ def _parser():
     )
 
     p = add(of_texnet, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
-    p.add_argument("scene", metavar="SCENE", help="name of a preset, or a .json scene file")
+    p.add_argument(
+        "scene", metavar="SCENE",
+        help="forest, street, patches, patterned, room or random, or a .json scene file",
+    )  # fmt: skip
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
         "--bands", metavar="N|FILE", type=_bands, default=54,
@@ -163,7 +166,10 @@ def _parser():
         "--netd", metavar="K", type=_netd, default=0.05,
         help="sensor noise in K at 300 K, 0 for none, default: 0.05",
     )  # fmt: skip
-    p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
+    p.add_argument(
+        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
+        help="of the scene, where it is drawn, of its light paths and of the noise, default: 0",
+    )  # fmt: skip
 
     text = "which N filters tell materials and temperatures best"
     p = add(of_texnet, "bands", commands.bands, text)
@@ -213,13 +219,16 @@ def _parser():
         )  # fmt: skip
         p.add_argument(
             "--epochs", metavar="N", type=_integer(1, 10_000), default=epochs,
-            help=f"default: {epochs}",
+            help=f"passes over all draws, default: {epochs}",
         )  # fmt: skip
         p.add_argument(
             "--cache", metavar="DIR", type=_folder, default=Path.home() / ".cache" / "texnet",
             help="scenes and checkpoints, default: ~/.cache/texnet",
         )  # fmt: skip
-        p.add_argument("--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0)
+        p.add_argument(
+            "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
+            help="of scenes, draws and first weights, default: 0",
+        )  # fmt: skip
         add_device(p)
         return p
 
@@ -344,7 +353,9 @@ def _first_last(text):
 def _slice(text):
     match = re.fullmatch(r"([0-9]{0,9}):([0-9]{0,9})", text)
     if match is None:
-        raise argparse.ArgumentTypeError(f"need FROM:TO such as 10:500, 10: or :500, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"need FROM:TO such as 10:500, 10: or :500, counted from 0, got {text!r}"
+        )
     return slice(*(int(end) if end else None for end in match.groups()))
 
 

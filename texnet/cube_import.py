@@ -73,7 +73,7 @@ def import_cube(
             )
         cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
     except OSError as e:
-        raise InputError(f"cube: cannot read {path}: {e.strerror or e}.") from e
+        raise InputError(f"cube: cannot read {e.filename or path}: {e.strerror or e}.") from e
     return cube, f"{path}: {note}"
 
 

@@ -14,6 +14,7 @@ CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # of the answer, below which it is unknown. The network's own probabilities are too low rather than
 # too high: where they are 0.3 to 0.5, five of six answers are right
 LIKELY, NET_LIKELY = 0.5, 0.3
+SURE = 0.7  # likewise where what is wrong was called noise, of which probabilities know too little
 OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
 # and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about
@@ -36,6 +37,21 @@ def fits(residual, bands):
     """Whether something in the library explains pixels of a residual, an array or tensor in noise
     units: chi^2 is not far beyond its spread. Not where it is no number."""
     return residual**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5
+
+
+def unsure(maps, noise, misfit, bands):
+    """Which pixels (height, width) of maps by name are unknown because the noise was taken to be
+    so many times as much as stated, misfit being what is left of those that fit best, in noise
+    units as stated: what fits clearly worse, though not for noise, or is not likely enough."""
+    out = scratch.empty(maps["material"].shape, bool)
+    least = SURE * min(noise - 1, 1.0)  # no step
+    for top in range(0, len(out), ROWS):
+        part = slice(top, top + ROWS)
+        material = maps["material"][None, part].astype(np.intp)
+        likely = np.take_along_axis(maps["material_probability"][:, part], material, axis=0)[0]
+        worse = ~fits(maps["residual"][part] * (noise / misfit), bands)
+        out[part] = worse | ~(likely >= least)
+    return out
 
 
 def sigma_among_neighbours(sigma, temperature, material):

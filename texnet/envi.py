@@ -82,7 +82,10 @@ def _binary_of(header):
     if found:
         names = " and ".join(p.name for p in found)
         raise InputError(f"cube: {header} may belong to {names}; give the name of its binary.")
-    raise InputError(f"cube: there is no {header.stem} or {header.stem}.dat beside {header}.")
+    raise InputError(
+        f"cube: there is no {header.stem} or {header.stem}.dat beside {header}; if its binary is "
+        "called otherwise, give that one's name."
+    )
 
 
 def _beside(path):

@@ -2,16 +2,21 @@
 
 import gc
 import signal
+import threading
 from contextlib import contextmanager
 
 
 @contextmanager
 def loading():
-    """Puts Ctrl-C off: a package that is interrupted while it loads may swallow it, or break. What
-    a command loads stays until its end, so that it is never looked through for garbage: a seventh
-    of a short command's time.
+    """Puts Ctrl-C off to the block's end: a package that is interrupted while it loads may swallow
+    it, or break. (To block the signal is not enough: a thread that a package starts may take it.)
+    What a command loads stays until its end, so that it is never looked through for garbage: a
+    seventh of a short command's time.
     """
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    came = []
+    alone = threading.current_thread() is not threading.main_thread()  # it hears of no Ctrl-C
+    if not alone:
+        handler = signal.signal(signal.SIGINT, lambda *what: came.append(what))
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -20,4 +25,7 @@ def loading():
         gc.freeze()
         if collects:
             gc.enable()
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if not alone:
+            signal.signal(signal.SIGINT, handler)
+        if came and callable(handler):
+            handler(*came[0])

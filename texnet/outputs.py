@@ -38,8 +38,8 @@ def check_directory(directory, *inputs):
     inputs  what is read, paths or None: none of the files may be written over it
     """
     directory = Path(directory)
-    if directory.exists() and not directory.is_dir():
-        raise InputError(f"cannot write into {directory}: it is a file, not a folder.")
+    if os.path.lexists(directory) and not directory.is_dir():
+        raise InputError(f"cannot write into {directory}: it is a file or a dead link, no folder.")
     if directory.is_dir():
         for name in FILES:
             check_writable(directory / name, *inputs)

@@ -31,7 +31,7 @@ from physics.spectral_shift import registered
 from . import glance
 from .calibration import calibration, doubt_k
 from .correction import RIGHT, corrected
-from .doubt import fits, sigma_among_neighbours, with_calibration_error
+from .doubt import sigma_among_neighbours, unsure, with_calibration_error
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
@@ -205,9 +205,8 @@ def decompose(
         maps["temperature_sigma_k"] = with_calibration_error(
             maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um, doubt
         )
-    if shown.noise > 1:  # what fits clearly worse than the best do is unknown, though not for noise
-        misfit = maps["residual"] * (shown.noise / shown.misfit)
-        maps["unknown"] |= ~fits(misfit, cube.bands)
+    if shown.noise > 1:
+        maps["unknown"] |= unsure(maps, shown.noise, shown.misfit, cube.bands)
     maps["unknown"] |= beyond
     maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(

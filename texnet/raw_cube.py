@@ -81,7 +81,9 @@ def part_of(raw, rows=None, columns=None, range_um=None):
         if part is not None:
             at = range(n)[part]
             if not at:
-                raise InputError(f"cube: it has no {what} {_said(part)}, only {n} of them.")
+                raise InputError(
+                    f"cube: it has no {what} {_said(part)}, but 0:{n}; FROM must be less than TO."
+                )
             words.append(f"{what} {at[0]} to {at[-1]} of 0 to {n - 1}")
     if rows is not None or columns is not None:
         of_file, cut = raw.numbers, (slice(None), rows or slice(None), columns or slice(None))
