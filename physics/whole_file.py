@@ -8,10 +8,11 @@ from pathlib import Path
 from .errors import InputError
 
 
-def check_writable(path, *inputs):
+def check_writable(path, *inputs, suffix=None):
     """Raise InputError, before hours of work, if a file could not be written at path.
 
     inputs  what is read, paths or None: none of them may be written over
+    suffix  that its name has to have; any if None
     """
     path = Path(path)
     target = _target(path)
@@ -26,6 +27,8 @@ def check_writable(path, *inputs):
     for other in inputs:
         if other is not None and _same_file(target, other):
             raise InputError(f"cannot write {path}: the command reads it; give another name.")
+    if suffix is not None and path.suffix.lower() != suffix:
+        raise InputError(f"cannot write {path}: its name must end in {suffix}.")
 
 
 @contextmanager

@@ -466,7 +466,7 @@ def test_a_reader_that_has_seen_enough_and_a_full_disk():
 
 
 def test_names_beyond_the_terminals_letters(tmp_path):
-    text = "wavelength_um,caf\xe9\n8,0.9\n14,0.9\n"
+    text = "wavelength_um,caf\xe9\n8,0.9\n8.5,0.9\n"
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     words = ["library", "import", tmp_path / "a.csv", "--out", tmp_path / "b.json"]
     done = process(*words, stdout=subprocess.PIPE, env={"PYTHONIOENCODING": "ascii:strict"})

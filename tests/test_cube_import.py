@@ -369,6 +369,15 @@ def test_an_unusual_temperature_is_said(tmp_path, true, said):
     assert note.splitlines()[1].startswith("Warning: ") and f"(288 K in {true})?" in note
 
 
+@pytest.mark.parametrize("unit", ["W/m2/sr/um", "mW/m2/sr/um", "microflick"])
+def test_brightness_temperatures_are_no_radiance(tmp_path, capfd, unit):
+    kelvin = 290 + np.random.default_rng(0).normal(scale=3, size=S.shape)
+    out = tmp_path / "b.npz"
+    for s, said in ((kelvin, True), (S, False)):
+        main(["import", str(envi(tmp_path / "a", s)), "--out", str(out), "--unit", unit])
+        assert ("as alike in all bands" in "".join(capfd.readouterr())) == said
+
+
 def test_a_unit_is_never_guessed(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
     assert "give --unit, one of W/m2/sr/um, mW" in refused(capfd, path, "--out", out)
@@ -612,7 +621,7 @@ def test_an_index_is_replaced_by_a_flag(tmp_path):
 
 def test_other_mistakes(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
-    assert "no file" in refused(capfd, tmp_path / "gone.hdr", "--out", out)
+    assert "does not exist" in refused(capfd, tmp_path / "gone.hdr", "--out", out)
     assert "use .exr or .npz" in refused(capfd, path, "--out", tmp_path / "b.hdr", *FLAGS)
     (tmp_path / "a.exr").write_bytes(b"")
     assert "cube: " in refused(capfd, tmp_path / "a.exr", "--out", out)

@@ -17,6 +17,7 @@ from texnet.doubt import (
     SCATTER,
     SCATTER_OF_MATERIALS,
     sigma_among_neighbours,
+    unsure,
     with_calibration_error,
 )
 from texnet.pipeline import decompose
@@ -105,3 +106,18 @@ def test_the_command_takes_it(tmp_path, capsys):
     assert (sigma[0] < sigma[1]).all() and 1.8 < sigma[1].min() < 2.5
     assert main([*command, str(tmp_path / "no"), "--calibration-error", "-1"]) == 2
     assert "need 0 to 10 K" in capsys.readouterr().err
+
+
+def test_where_the_noise_was_raised_more_is_unknown():
+    """What is not likely, the more so the more it was raised, and what fits worse than most."""
+    p = np.linspace(0.02, 0.98, 25).reshape(5, 5)
+    maps = {
+        "material": np.zeros((5, 5), np.int16), "material_probability": np.stack([p, 1 - p]),
+        "residual": np.full((5, 5), 0.25),
+    }  # fmt: skip
+    for noise, least in ((1.01, 0.0), (1.5, 0.35), (2.0, 0.7), (9.0, 0.7)):
+        np.testing.assert_array_equal(unsure(maps, noise, 0.25 * noise, 54), p < least)
+    maps["residual"][0] = 0.5  # chi^2 is four times what it is where most fits
+    np.testing.assert_array_equal(unsure(maps, 1.01, 0.25, 54)[0], True)
+    maps["residual"][1] = np.nan
+    assert unsure(maps, 1.01, 0.25, 54)[:2].all() and not unsure(maps, 1.01, 0.25, 54)[2:].any()

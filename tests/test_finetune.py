@@ -330,7 +330,8 @@ def test_without_the_extra_the_command_says_how_to_get_it(capfd, files, cache, m
     for loaded in [n for n in sys.modules if n.split(".")[0] == "training"]:
         monkeypatch.delitem(sys.modules, loaded)
     monkeypatch.setitem(sys.modules, "pytorch_lightning", None)
-    words = {"train": ["train", "--out", files / "out"], "finetune": command(files, cache)}
+    train = ["train", "--out", files / "out.safetensors"]
+    words = {"train": train, "finetune": command(files, cache)}
     code, out, err = run(capfd, words[name])
     assert code == 2 and err.count("\n") == 1 and "pip install -e '.[train]'" in err
 

@@ -109,7 +109,7 @@ def test_ecostress(tmp_path, step):
 
 
 @given(
-    nu10=st.lists(st.integers(5000, 20000), min_size=2, max_size=12, unique=True),
+    nu10=st.lists(st.integers(9600, 10500), min_size=2, max_size=12, unique=True),
     seed=st.integers(0, 2**32 - 1),
 )
 @ANY
@@ -421,3 +421,13 @@ def test_damaged_files_never_crash(tmp_path, seed, compress):
         assert str(e).startswith("library: ") and "\n" not in str(e)
     else:
         assert library.emissivity.shape[0] == len(library.names)
+
+
+def test_no_curve_is_drawn_over_a_gap(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("wavelength_um,stone\n8,0.9\n10,0.8\n10.5,0.8\n")
+    with pytest.raises(InputError, match="no row from 8 to 10 um"):
+        import_library(file)
+    for w in (np.arange(6.8, 15), 1e4 / np.arange(400, 4001, 20)):
+        path = write_csv(tmp_path / "b.csv", "wavelength_um", w, np.full((3, w.size), 0.9))
+        assert import_library(path)[0].wavelength_um.size == w.size

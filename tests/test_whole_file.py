@@ -68,3 +68,9 @@ def test_what_is_read_is_not_written_over(tmp_path, monkeypatch):
         assert "reads it" in refuse(out, None, other, of)
     check_writable(other, None, read, link, tmp_path / "gone")
     check_writable(tmp_path / "new", read, tmp_path / "new")
+
+
+def test_a_name_that_says_something_else_is_refused(tmp_path):
+    check_writable(tmp_path / "a.ONNX", suffix=".onnx")
+    with pytest.raises(InputError, match="must end in .onnx"):
+        check_writable(tmp_path / "a.txt", suffix=".onnx")

@@ -17,12 +17,12 @@ nats: what the library does not explain has no more to say.
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
 to make up for, and their evidence loses. So the noise is first taken to be FIRST times as much as
-stated, and then MORE times what is left even of the pixels that fit best, as long as that is less
-(`_left`). If what is left then is the noise that was stated, all is well. If not, it may be the
-bands among each other, if with gains of their own (`band_gains`) nothing else is left. Else it is
-the library's curves, or k is too small: the noise is taken to be MORE times as much as what is
-left, by and by from where it just fits, because what is wrong is so in many pixels alike and
-misleads more than noise.
+stated (of few bands MORE times: at so much noise they tell no materials), and then MORE times what
+is left even of the pixels that fit best, until that does not change (`_left`). If it is the noise
+that was stated, all is well. If not, it may be the bands among each other, if with gains of their
+own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: COUNTS
+times what is left is taken for noise, by and by from where it just fits, because what is wrong is
+so in many bands and pixels alike and misleads more than noise.
 
 The constants were found on scenes of no test with 9 and 54 bands: right cameras, gains and offsets
 off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries whose curves are
@@ -43,7 +43,7 @@ from physics.planck import radiance as planck
 from .band_gains import band_gains, ground
 from .correction import RIGHT, Calibration, corrected, corrected_environment
 
-LEAST_PIXELS = 100
+LEAST_PIXELS, LEAST_GROUND = 100, 50  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
 LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
 LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
@@ -52,8 +52,10 @@ ENOUGH = 5.0  # nats above the typical pixel's
 LEAD = 0.25  # nats per pixel over the best of the other kind
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
-RISE, MORE = 0.1, 4.0  # by how much more has the noise MORE times as much as is left
-FIRST, LESS = 64.0, 0.9  # of the noise; what is less is not just less
+RISE = 0.1  # more than that, and all that is left is noise
+FIRST, MORE = 64.0, 4.0  # times the noise
+LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
+COUNTS = 3.0  # as much as noise does what is left; materials suffer from more, T from less
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
 DOUBT_K, SHARE = 0.25, 0.7
 
@@ -106,7 +108,7 @@ def calibration(cube, environment, look, library, left_out=None):
 
     def quarter(maps):
         residual = maps["residual"][ground(maps, library) & np.isfinite(maps["residual"])]
-        return float(np.quantile(residual, QUARTER)) if residual.size else 0.0
+        return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
     nats, alike = {}, {}
 
@@ -131,7 +133,7 @@ def calibration(cube, environment, look, library, left_out=None):
                 taken.netd_k / stated
             )
 
-        return _left(at)
+        return _left(at, FIRST if cube.bands >= LEAST_FOR_GAINS else MORE)
 
     just = JUST + PER_BAND / cube.bands
     found = _gain_or_offset(environment, see, nats)
@@ -146,18 +148,19 @@ def calibration(cube, environment, look, library, left_out=None):
     if misfit <= just:
         return found
     # no step, for what lies just beside it
-    noise = (MORE * misfit) ** min((misfit - just) / RISE, 1.0)
+    noise = (COUNTS * misfit) ** min((misfit - just) / RISE, 1.0)
     noise = min(round(noise, 3), MAX_NETD_K / cube.netd_k)
     return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
 
 
-def _left(at):
+def _left(at, first):
     """What is left even of the pixels that fit best, in noise units as stated; at(noise) is that
-    where the noise is taken to be so many times as much."""
-    noise, less = np.inf, FIRST
-    while less <= LESS * noise:
-        noise, left = less, at(less)
-        less = MORE * max(left, 1.0)
+    where the noise is taken to be so many times as much, first of all."""
+    for _ in range(LOOKS):
+        left = at(first)
+        noise, first = first, MORE * max(left, 1.0)
+        if LESS * noise < first < noise / LESS:
+            break
     return left
 
 
@@ -184,9 +187,7 @@ def _gain_or_offset(environment, see, nats):
     error = one.error + one.kind.step / 2 * _lowest(*(loss[c] for c in one.around))
     if abs(error) < one.kind.least:
         return RIGHT
-    found = one.kind.of(round(error, 4))
-    see([found])
-    return found
+    return one.kind.of(round(error, 4))
 
 
 def _best_of(kind, see, nats):

@@ -155,7 +155,8 @@ def library_import(args):
 
     from .library_io import import_library, read_names
 
-    check_writable(args.out, args.file, args.names, *args.file.glob("*.[tT][xX][tT]"))
+    texts = args.file.glob("*.[tT][xX][tT]")
+    check_writable(args.out, args.file, args.names, *texts, suffix=".json")
     names = None if args.names is None else read_names(args.names)
     library, note = import_library(args.file, args.wavenumbers, names, args.sky, args.add_sky)
     return _saved(library, args.out, note, note, "library import")
@@ -168,7 +169,7 @@ def library_from_cube(args):
     from .cube_io import read_cube
     from .progress import progress_bar
 
-    check_writable(args.out, args.cube)
+    check_writable(args.out, args.cube, suffix=".json")
     cube = read_cube(args.cube)
     with progress_bar() as report:
         library, note = library_from_cube(cube, args.materials, progress=report)
@@ -189,7 +190,7 @@ def _saved(library, path, note, said, command):
 def train(args):
     from physics.whole_file import check_writable
 
-    check_writable(args.out)
+    check_writable(args.out, suffix=".safetensors")
     with _training() as report:
         from training.train import train
 
@@ -207,7 +208,7 @@ def finetune(args):
     from .cube_io import read_cube
     from .weights import load_network, save_network
 
-    check_writable(args.out, args.library, args.model, *args.cubes)
+    check_writable(args.out, args.library, args.model, *args.cubes, suffix=".safetensors")
     library = MaterialLibrary.load(args.library)
     cubes = [read_cube(path) for path in args.cubes]
     network, past = load_network(args.model)
@@ -260,7 +261,7 @@ def export(args):
 
     from .weights import load_network
 
-    check_writable(args.out, args.model)
+    check_writable(args.out, args.model, suffix=".onnx")
     network, history = load_network(args.model)
     try:
         from export.to_onnx import export_onnx

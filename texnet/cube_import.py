@@ -57,7 +57,8 @@ def import_cube(
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"cube: there is no file {path}.")
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"cube: {path} {what}; give a file.")
     if unit is not None and unit not in UNITS:
         raise InputError(f"cube: {unit!r} is no unit that is known; use {', '.join(UNITS)}.")
     try:

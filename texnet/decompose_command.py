@@ -15,6 +15,7 @@ from .loading import loading
 
 DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
 SHIPPED = "texnet.onnx"  # there too
+SUSPICIOUS_K, SUSPICIOUS = 1.0, 10.0  # of noise, also times what is stated
 
 
 def demo(args):
@@ -166,6 +167,11 @@ def _of_saturated(share):
         yield f"Saturated    {100 * share:.2g} % of the pixels: unknown, and T a lower bound"
 
 
+def _of_noise(netd_k, stated_k):
+    if netd_k > SUSPICIOUS_K and netd_k > SUSPICIOUS * (stated_k or 0):
+        yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
+
+
 def _of_shift(um):
     if um:
         yield (
@@ -203,6 +209,7 @@ def _summary(r):
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
         f"NETD {1e3 * own:.0f} mK ({source})",
+        *_of_noise(own, said),
         *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
         *_of_shift(r["spectral_shift_um"]),
         *_of_calibration(r["gain"], r["offset_k"]),

@@ -51,6 +51,8 @@ def unsure(maps, noise, misfit, bands):
         likely = np.take_along_axis(maps["material_probability"][:, part], material, axis=0)[0]
         worse = ~fits(maps["residual"][part] * (noise / misfit), bands)
         out[part] = worse | ~(likely >= least)
+        for map_ in (maps["material_probability"], maps["residual"]):
+            scratch.release(map_)
     return out
 
 

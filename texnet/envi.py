@@ -29,7 +29,10 @@ ORDERS = {  # in the file, slowest first, of (bands, lines, samples)
 AXES = {
     "um": ("micrometers", "micrometer", "microns", "micron", "um", "\u00b5m", "\u03bcm"),
     "nm": ("nanometers", "nanometer", "nm"),
-    "cm-1": ("wavenumber", "wavenumbers", "cm-1", "cm^-1", "1/cm"),
+    "cm-1": (
+        "wavenumber", "wavenumbers", "cm-1", "cm^-1", "1/cm", "wavenumber (cm-1)",
+        "wavenumber (cm^-1)",
+    ),
 }
 BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc")  # suffixes
 ABSENT = ("file compression", "major frame offsets", "minor frame offsets")  # or zero

@@ -216,6 +216,14 @@ def _read_csv(path):
     table = np.array(values).T
     w = table[0] if unit == "wavelength_um" else _from_wavenumber(table[0])
     w, e, order = _ascending(w, table[1:])
+    low, high = TEXT_RANGE_UM
+    gaps = np.where((w[:-1] < high) & (w[1:] > low), np.diff(w), 0.0)
+    if gaps.size and gaps.max() > MAX_GAP_UM + 1e-9:
+        gap = int(np.argmax(gaps))
+        raise InputError(
+            f"library: {path} has no row from {w[gap]:g} to {w[gap + 1]:g} um; give rows at most "
+            f"{MAX_GAP_UM:g} um apart, since what lies between them is filled with straight lines."
+        )
     words = [
         f"CSV with {unit}, {len(names)} materials",
         f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",

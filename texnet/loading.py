@@ -13,9 +13,8 @@ def loading():
     What a command loads stays until its end, so that it is never looked through for garbage: a
     seventh of a short command's time.
     """
-    came = []
-    alone = threading.current_thread() is not threading.main_thread()  # it hears of no Ctrl-C
-    if not alone:
+    came, handler = [], None
+    if threading.current_thread() is threading.main_thread():  # the others hear of no Ctrl-C
         handler = signal.signal(signal.SIGINT, lambda *what: came.append(what))
     collects = gc.isenabled()
     gc.disable()
@@ -25,7 +24,7 @@ def loading():
         gc.freeze()
         if collects:
             gc.enable()
-        if not alone:
+        if handler is not None:
             signal.signal(signal.SIGINT, handler)
-        if came and callable(handler):
-            handler(*came[0])
+            if came:
+                signal.raise_signal(signal.SIGINT)

@@ -2,8 +2,8 @@
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated. Then come the environment from the
-cube, the camera's gains or offset, if the pixels show them (`calibration`; not for net), a glance
-from afar at what materials there are and where, and then
+cube, the camera's gains or offset, if the pixels show them, or more noise, if nothing fits
+(`calibration`; not for net), a glance from afar at what materials there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -53,12 +53,14 @@ class Decomposition:
                           likewise; the residual where the environment has no sky
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
-    temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the stated
-                          calibration included; 15 K and more where the pixel is saturated
+    temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the
+                          calibration, stated and found, included; 15 K and more where the pixel
+                          is saturated
     material_probability  (materials, height, width); zero what `glance` did not see there
     unknown               True where the answer should not be trusted: nothing in the library
-                          fits, no material is likely enough (`doubt`), only the neighbours
-                          speak for the one given, or the pixel is saturated
+                          fits, or nothing as well as where most fits, no material is likely
+                          enough (`doubt`), only the neighbours speak for the one given, or the
+                          pixel is saturated
     saturated             True where a band is at its ceiling: T is a lower bound
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)

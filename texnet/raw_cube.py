@@ -34,6 +34,7 @@ OURS = "W/m2/sr/um"
 PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; band centres in cm-1 have no such factor
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
+ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 
@@ -242,16 +243,28 @@ def _typical_k(radiance, w, unit):
         return float(np.median(brightness_temperature(w, other)))
 
     here = typical_k(unit)
+    kelvin = _like_kelvin(s / _to_our_unit(unit, jacobian))
     if USUAL_K[0] <= here <= USUAL_K[1]:
-        return f"{here:.0f} K", ""
+        return f"{here:.0f} K", kelvin and f"\nWarning: {kelvin}"
     # by factor, so that two names of one unit are one
     fit = {UNITS[u]: (u, t) for u in UNITS if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.values()) or "no unit that is known fits"
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         return f"{here:.0f} K", (
-            f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})?"
-        )
+            f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})? {kelvin}"
+        ).rstrip()
     raise InputError(
         f"cube: in {unit} half of it would be warmer than {here:.4g} K; give the right --unit "
-        f"({fit})."
+        f"({fit}). {kelvin}".rstrip()
+    )
+
+
+def _like_kelvin(numbers):
+    """What to say of a file's numbers where they are like brightness temperatures; else ""."""
+    half = np.median(numbers)
+    if not USUAL_K[0] <= half <= USUAL_K[1] or np.median(np.abs(numbers / half - 1)) > ALIKE:
+        return ""
+    return (
+        f"Are its numbers, of about {half:.0f} and as alike in all bands, brightness temperatures "
+        "in K? What is needed is radiance."
     )
