@@ -299,8 +299,8 @@ def test_it_must_gain_enough_and_more_than_the_other_kind():
     assert of(3.0, 0.0, shape=(9, 11)) == RIGHT  # of few pixels it would be chance
     # where nothing fits, the noise is more, in whatever the gain is
     nothing = of(3.0, 0.0, residual=1.5)
-    assert as_stated(nothing) == (4.5, 1.5) and nothing.gain == 1
-    assert as_stated(of(0.0, 0.0, residual=1.4)) == (4.2, 1.4)
+    assert as_stated(nothing) == (6.0, 1.5) and nothing.gain == 1
+    assert as_stated(of(0.0, 0.0, residual=1.4)) == (5.6, 1.4)
     assert of(0.0, 0.0, residual=1.25) == RIGHT  # of 12 bands
     assert of(0.0, 0.0, residual=0.9) == RIGHT
 
@@ -308,7 +308,7 @@ def test_it_must_gain_enough_and_more_than_the_other_kind():
 def test_what_fits_only_at_the_noise_that_is_stated_does_not_fit():
     """Wrong materials do, which are less likely at more noise."""
     flexible = lambda noise: 0.9 if noise < 3 else 1.5  # noqa: E731
-    assert as_stated(found(lambda *_: 10.0, residual=flexible)) == (4.5, 1.5)
+    assert as_stated(found(lambda *_: 10.0, residual=flexible)) == (6.0, 1.5)
     # what is left where the noise is far too much is not what is left in the end
     rigid = lambda noise: 0.9 + 0.1 * (noise > 8)  # noqa: E731
     assert found(lambda *_: 10.0, residual=rigid) == RIGHT

@@ -20,7 +20,7 @@ to make up for, and their evidence loses. So the noise is first taken to be FIRS
 stated (of few bands MORE times: at so much noise they tell no materials), and then MORE times what
 is left even of the pixels that fit best, until that does not change (`_left`). If it is the noise
 that was stated, all is well. If not, it may be the bands among each other, if with gains of their
-own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: COUNTS
+own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
 times what is left is taken for noise, by and by from where it just fits, because what is wrong is
 so in many bands and pixels alike and misleads more than noise.
 
@@ -55,7 +55,6 @@ JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAN
 RISE = 0.1  # more than that, and all that is left is noise
 FIRST, MORE = 64.0, 4.0  # times the noise
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
-COUNTS = 3.0  # as much as noise does what is left; materials suffer from more, T from less
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
 DOUBT_K, SHARE = 0.25, 0.7
 
@@ -148,7 +147,7 @@ def calibration(cube, environment, look, library, left_out=None):
     if misfit <= just:
         return found
     # no step, for what lies just beside it
-    noise = (COUNTS * misfit) ** min((misfit - just) / RISE, 1.0)
+    noise = (MORE * misfit) ** min((misfit - just) / RISE, 1.0)
     noise = min(round(noise, 3), MAX_NETD_K / cube.netd_k)
     return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
 
@@ -158,7 +157,7 @@ def _left(at, first):
     where the noise is taken to be so many times as much, first of all."""
     for _ in range(LOOKS):
         left = at(first)
-        noise, first = first, MORE * max(left, 1.0)
+        noise, first = first, min(MORE * max(left, 1.0), FIRST)
         if LESS * noise < first < noise / LESS:
             break
     return left
