@@ -43,7 +43,7 @@ from physics.planck import radiance as planck
 from .band_gains import band_gains, ground
 from .correction import RIGHT, Calibration, corrected, corrected_environment
 
-LEAST_PIXELS, LEAST_GROUND = 100, 50  # in all; that are not sky
+LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
 LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
 LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
@@ -132,7 +132,7 @@ def calibration(cube, environment, look, library, left_out=None):
                 taken.netd_k / stated
             )
 
-        return _left(at, FIRST if cube.bands >= LEAST_FOR_GAINS else MORE)
+        return _left(at, rises=cube.bands < LEAST_FOR_GAINS)
 
     just = JUST + PER_BAND / cube.bands
     found = _gain_or_offset(environment, see, nats)
@@ -152,13 +152,14 @@ def calibration(cube, environment, look, library, left_out=None):
     return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
 
 
-def _left(at, first):
+def _left(at, rises):
     """What is left even of the pixels that fit best, in noise units as stated; at(noise) is that
-    where the noise is taken to be so many times as much, first of all."""
+    where the noise is taken to be so many times as much, from FIRST down or from MORE up."""
+    noise = MORE if rises else FIRST
     for _ in range(LOOKS):
-        left = at(first)
-        noise, first = first, min(MORE * max(left, 1.0), FIRST)
-        if LESS * noise < first < noise / LESS:
+        left = at(noise)
+        last, noise = noise, min(MORE * max(left, 1.0), FIRST)
+        if (noise < last / LESS) if rises else (noise > LESS * last):
             break
     return left
 
