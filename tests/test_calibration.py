@@ -137,6 +137,7 @@ def test_gains_that_one_material_alone_asks_for_are_not_taken(bands, percent, se
     off = percent / 100 * np.random.default_rng(seed).normal(size=bands)
     d = decompose(of_bands(cube, off), method="local")
     assert (d.band_gains == 1).all() and d.netd_k > 4 * cube.netd_k
+    assert d.unknown.mean() > 0.9
 
 
 def test_many_bands_of_a_right_camera_fit():
@@ -163,7 +164,7 @@ def test_what_fits_nowhere_is_noise(bands, method, percent):
         cube = of_bands(cube, 0.005 * np.random.default_rng(1).normal(size=bands))
     d = decompose(cube, with_errors(percent), method=method)
     assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
-    assert d.netd_k > 3 * cube.netd_k
+    assert d.netd_k > 4 * cube.netd_k
     ground = names_of(truth) != "sky"
     error = np.abs(d.temperature_k - truth.temperature_k)[ground]
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.9

@@ -304,6 +304,8 @@ def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
         code, out, _ = run(capfd, *words, "--k", 2)
         assert code == 0 and said in out and "k = 2\n" in out and " 0 %" not in out
         answer = last_json(out)
+        # pixels at random, which bands do not follow
+        assert ("Suspicious   is so much noise" in out) == (answer["netd_k"] > 1) == (not netd_k)
         assert answer["k"] == 2 and not answer["k_chosen"]
     code, out, _ = run(capfd, *words, "--k", "auto")
     assert code == 0 and f"k = {last_json(out)['k']}, chosen\n" in out
@@ -388,6 +390,23 @@ def test_ctrl_c_while_a_package_loads(tmp_path, package):
     )
     done = subprocess.run([sys.executable, "-c", code, tmp_path / "c.exr"], capture_output=True)
     assert done.returncode == 130 and done.stderr == b"" and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("handler", "code"), [("SIG_DFL", -2), ("SIG_IGN", 0), ("default_int_handler", -2)]
+)
+def test_ctrl_c_while_loading_counts_once_all_is_loaded(handler, code):
+    text = (
+        "import os, signal\n"
+        "from texnet.loading import loading\n"
+        f"signal.signal(signal.SIGINT, signal.{handler})\n"
+        "with loading():\n"
+        "    with loading():\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "    print('loaded', flush=True)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+    assert done.returncode == code and done.stdout == "loaded\n"
 
 
 def test_json_has_no_nan():

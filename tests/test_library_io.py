@@ -109,13 +109,14 @@ def test_ecostress(tmp_path, step):
 
 
 @given(
-    nu10=st.lists(st.integers(9600, 10500), min_size=2, max_size=12, unique=True),
+    first=st.integers(5000, 14000),
+    steps=st.lists(st.integers(1, 1000), min_size=1, max_size=11),
     seed=st.integers(0, 2**32 - 1),
 )
 @ANY
-def test_any_order_of_rows_is_the_same_library(tmp_path, nu10, seed):
+def test_any_order_of_rows_is_the_same_library(tmp_path, first, steps, seed):
     rng = np.random.default_rng(seed)
-    nu = np.sort(nu10) / 10
+    nu = np.sort(1e7 / np.cumsum([first, *steps]))
     e = rng.uniform(0, 1, (3, nu.size))
     mix = rng.permutation(nu.size)
     path = write_csv(tmp_path / "lib.csv", "wavenumber_cm1", nu[mix], e[:, mix])
@@ -426,7 +427,7 @@ def test_damaged_files_never_crash(tmp_path, seed, compress):
 def test_no_curve_is_drawn_over_a_gap(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text("wavelength_um,stone\n8,0.9\n10,0.8\n10.5,0.8\n")
-    with pytest.raises(InputError, match="no row from 8 to 10 um"):
+    with pytest.raises(InputError, match="no good row from 8 to 10 um"):
         import_library(file)
     for w in (np.arange(6.8, 15), 1e4 / np.arange(400, 4001, 20)):
         path = write_csv(tmp_path / "b.csv", "wavelength_um", w, np.full((3, w.size), 0.9))

@@ -78,6 +78,7 @@ def test_every_field(method):
 def test_every_number_of_objects(k):
     d, cube = answer("sgd", k, 9)
     check_fields(d, cube, k)
+    assert d.netd_k == cube.netd_k
 
 
 @pytest.mark.parametrize("method", METHODS)

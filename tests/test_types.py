@@ -80,7 +80,7 @@ def test_as_many_wavelengths_as_values(make):
         (dict(radiance=S[:, 0]), "(5, 4)"),
         (dict(radiance=S[:, :0]), "(5, 0, 4)"),
         (dict(radiance=S.transpose(1, 2, 0)), "bands first"),
-        (dict(radiance=changed(S, (1, 2, 3), np.nan)), "NaN or infinite, the first at"),
+        (dict(radiance=changed(S, (1, 2, 3), np.nan)), "the first at 9.5 um, row 2, column 3"),
         (dict(radiance=changed(S, (1, 2, 3), np.inf)), "infinite"),
         (dict(radiance=changed(S, (1, 2), 0)), "4 of its values are zero"),
         (dict(radiance=changed(S, (1, 2, 3), -1)), "negative"),

@@ -40,7 +40,7 @@ from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.planck import brightness_temperature, radiance_derivative
 from physics.planck import radiance as planck
 
-from .band_gains import band_gains, ground
+from .band_gains import FIRST, band_gains, ground
 from .correction import RIGHT, Calibration, corrected, corrected_environment
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
@@ -53,7 +53,7 @@ LEAD = 0.25  # nats per pixel over the best of the other kind
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and all that is left is noise
-FIRST, MORE = 64.0, 4.0  # times the noise
+MORE = 4.0  # times the noise
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
 DOUBT_K, SHARE = 0.25, 0.7
@@ -207,7 +207,7 @@ def doubt_k(c, cube):
     300 K: where bands are wrong among each other by about what was called noise, and by a share of
     what they were corrected by."""
     noise = cube.netd_k * (1 - 1 / c.noise)
-    if c._replace(noise=1.0, misfit=1.0) == RIGHT:
+    if c.keeps_radiance:
         return noise
     w = cube.wavelength_um
     off = (c.of_bands(cube.bands) - 1) * planck(w, 300.0) / radiance_derivative(w, 300.0)

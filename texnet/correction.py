@@ -26,6 +26,11 @@ class Calibration(NamedTuple):
     misfit: float = 1.0
     bands: tuple[float, ...] = ()
 
+    @property
+    def keeps_radiance(self):
+        """Whether nothing is wrong but the noise."""
+        return self._replace(noise=1.0, misfit=1.0) == RIGHT
+
     def of_bands(self, n):
         """(n,) the gains among each other of so many bands."""
         return np.array(self.bands) if self.bands else np.ones(n)
@@ -37,7 +42,7 @@ RIGHT = Calibration()
 def corrected(cube, c):
     """The HeatCube that a right camera would have shown, of a Calibration."""
     netd_k = min(cube.netd_k * c.noise / c.gain, MAX_NETD_K)
-    if c._replace(noise=1.0, misfit=1.0) == RIGHT:
+    if c.keeps_radiance:
         return HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
     offset, gain = (a.astype(np.float32) for a in _offset_and_gain(cube.wavelength_um, c))
     radiance = scratch.empty(cube.radiance.shape, np.float32)

@@ -216,14 +216,7 @@ def _read_csv(path):
     table = np.array(values).T
     w = table[0] if unit == "wavelength_um" else _from_wavenumber(table[0])
     w, e, order = _ascending(w, table[1:])
-    low, high = TEXT_RANGE_UM
-    gaps = np.where((w[:-1] < high) & (w[1:] > low), np.diff(w), 0.0)
-    if gaps.size and gaps.max() > MAX_GAP_UM + 1e-9:
-        gap = int(np.argmax(gaps))
-        raise InputError(
-            f"library: {path} has no row from {w[gap]:g} to {w[gap + 1]:g} um; give rows at most "
-            f"{MAX_GAP_UM:g} um apart, since what lies between them is filled with straight lines."
-        )
+    _check_gaps(w, path, f"give rows at most {MAX_GAP_UM:g} um apart")
     words = [
         f"CSV with {unit}, {len(names)} materials",
         f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",
@@ -336,13 +329,18 @@ def _read_text(path):
             "leave this file out."
         )
     w, r = w[inside], r[inside]
-    gap = int(np.argmax(np.diff(w)))
-    if w[gap + 1] - w[gap] > MAX_GAP_UM:
-        raise InputError(
-            f"library: {path.name} has no good row from {w[gap]:g} to {w[gap + 1]:g} um; "
-            "leave this file out."
-        )
+    _check_gaps(w, path.name, "leave this file out")
     return name, w, r, len(rows) - len(good)
+
+
+def _check_gaps(w, file, remedy):
+    """Raise InputError where ascending wavelengths w, um, leave a gap in TEXT_RANGE_UM."""
+    low, high = TEXT_RANGE_UM
+    gaps = np.where((w[:-1] < high) & (w[1:] > low), np.diff(w), 0.0)
+    for i in np.flatnonzero(gaps > MAX_GAP_UM + 1e-9)[:1]:
+        raise InputError(
+            f"library: {file} has no good row from {w[i]:g} to {w[i + 1]:g} um; {remedy}."
+        )
 
 
 def _unique(names):
