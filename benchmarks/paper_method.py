@@ -77,7 +77,7 @@ def paper_decompose(cube, library, environment):
         temperature_sigma_k=maps(answer.sigma_k),
         material_probability=maps(answer.probability.T),
         unknown=np.zeros(cube.shape, bool),
-        saturated=np.zeros(cube.shape, bool),
+        saturated=np.zeros(cube.shape, bool), dead=cube.dead,
         wavelength_um=cube.wavelength_um,
         hue_deg=library.hue_deg,
         netd_k=cube.netd_k,

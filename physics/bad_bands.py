@@ -20,9 +20,12 @@ noisy as usual, whether their NETD was 0, 5, 20, 50, 200 or 1000 mK; with 54 ban
 was at most 1.02 times the stated one at 20 mK and more.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from .heat_cube import MAX_NETD_K, HeatCube, lit, sampling_step
+from .dead_pixels import lit
+from .heat_cube import MAX_NETD_K, sampling_step
 from .planck import noise_sigma
 
 SAMPLES = 6000  # pixels
@@ -48,7 +51,7 @@ def without_bad_bands(cube):
     if noise is not None and cube.bands >= MANY_BANDS and cube.netd_k:
         usual = float(np.median(noise))
         if usual > MORE * max(cube.netd_k, FINEST_K):
-            cube = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, min(usual, MAX_NETD_K))
+            cube = replace(cube, netd_k=min(usual, MAX_NETD_K))
     return cube, {float(w[b]): bad[b] for b in sorted(bad)}
 
 

@@ -25,6 +25,7 @@ what never sees the sky nearly black); two materials with 1 - e of one shape, wh
 and whether two curves are two materials or one, wet and dry.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -77,7 +78,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         )
     own_k = cube.with_netd().netd_k
     netd_k = max(own_k, MIN_NETD_K)
-    cube = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
+    cube = replace(cube, netd_k=netd_k)
     pixels = cube.shape[0] * cube.shape[1]
     rng = np.random.default_rng(seed)
     pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))

@@ -22,9 +22,9 @@ import numpy as np
 from sklearn.cluster import KMeans
 
 from .bands import quadrature
+from .dead_pixels import lit
 from .environment import Environment
 from .errors import InputError
-from .heat_cube import lit
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
 from .sky import continuum

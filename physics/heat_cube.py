@@ -1,18 +1,17 @@
 """HeatCube: what a thermal hyperspectral camera measured, checked once, then trusted."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from . import scratch
+from .dead_pixels import dead_pixels, of_neighbours, without_dead
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
-from .planck import radiance as planck_radiance
 
 TYPICAL_K = (110.0, 1000.0)  # of half a scene; beyond, its unit is wrong
 MAX_NETD_K = 10.0  # beyond it, it is in mK
-MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
 
 def numbers(values, what):
@@ -54,21 +53,19 @@ def sampling_step(shape, most):
     return step
 
 
-def lit(radiance):
-    """Where radiance is finite and positive."""
-    return (radiance > 0) & (radiance < np.inf)
-
-
 @dataclass(frozen=True, eq=False)
 class HeatCube:
     """A heat cube S, immutable.
 
     radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive, but for
-                   bands that are so nowhere (`bad_bands` finds them); copied unless it is
-                   read-only, and then never to be written to
+                   bands that are so nowhere (`bad_bands` finds them), and few pixels, which are
+                   dead and are given a neighbour's (`dead_pixels`); copied unless it is read-only,
+                   and then never to be written to
     wavelength_um  (bands,) band centres in um, ascending
     fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
+    dead           (height, width) bool, pixels that hold a neighbour's radiance; those that are
+                   found are added
 
     Raises InputError, in one sentence, where the data are not that.
     """
@@ -77,6 +74,7 @@ class HeatCube:
     wavelength_um: np.ndarray
     fwhm_um: np.ndarray | None = None
     netd_k: float | None = None
+    dead: np.ndarray | None = None
 
     def __post_init__(self):
         s = np.asarray(numbers(self.radiance, "cube: radiance"), dtype=np.float32)
@@ -90,20 +88,14 @@ class HeatCube:
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
                 "give one wavelength per band, bands first."
             )
-        seen = np.array([np.count_nonzero(lit(band)) for band in scratch.parts(s)])
-        alive = seen > 0
-        if not alive.any() or (seen[alive] < s[0].size).any():
-            some = np.flatnonzero(alive | ~alive.any())
-            bad = sum(np.count_nonzero(~np.isfinite(s[b])) for b in some)
-            dark = sum(np.count_nonzero(s[b] <= 0) for b in some)
-            first = next(b for b in some if not lit(s[b]).all())
-            row, column = np.argwhere(~lit(s[first]))[0]
-            counts = (bad, "NaN or infinite"), (dark, "zero or negative")
-            counts = " and ".join(f"{n} of its values are {what}" for n, what in counts if n)
-            raise InputError(
-                f"cube: {counts}, the first at {w[first]:.5g} um, row {row}, column {column}; "
-                "replace dead pixels by their neighbours, cut edges off, or check the calibration."
-            )
+        dead, alive = dead_pixels(s, w)
+        if dead.any():
+            s = of_neighbours(s, dead)
+        if self.dead is not None:
+            stated = np.asarray(self.dead)
+            if stated.shape != dead.shape or stated.dtype != bool:
+                raise InputError("cube: dead must be (height, width) bool.")
+            dead |= stated
         some = np.quantile(np.flatnonzero(alive), [0, 0.5, 1], method="lower")
         typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])
         low, high = TYPICAL_K
@@ -113,17 +105,6 @@ class HeatCube:
                 f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1, as texnet import makes it "
                 "(1 microflick is 0.01 of it)."
             )
-        for band, limit in zip(scratch.parts(s), planck_radiance(w, MAX_K), strict=True):
-            if band.max() <= limit:  # not so with a NaN
-                continue
-            hot = (band > limit) & np.isfinite(band)
-            if hot.any() and not hot.all():  # a whole band may be dead, see `bad_bands`
-                row, column = np.argwhere(hot)[0]
-                raise InputError(
-                    f"cube: pixels look hotter than {MAX_K:.0f} K, {np.count_nonzero(hot)} of them "
-                    f"in one band, the first in row {row}, column {column}; replace dead ones by "
-                    "their neighbours."
-                )
         width = np.zeros_like(w)
         if self.fwhm_um is not None:
             width = numbers(self.fwhm_um, "cube: fwhm_um").astype(np.float64)
@@ -140,11 +121,12 @@ class HeatCube:
                 f"cube: NETD must be above 0 and at most {MAX_NETD_K:g} K, got {self.netd_k}; "
                 "give it in K, not in mK."
             )
-        s.setflags(write=False)
-        width.setflags(write=False)
+        for array in (s, width, dead):
+            array.setflags(write=False)
         object.__setattr__(self, "radiance", s)
         object.__setattr__(self, "wavelength_um", w)
         object.__setattr__(self, "fwhm_um", width)
+        object.__setattr__(self, "dead", dead)
 
     @property
     def bands(self):
@@ -177,7 +159,12 @@ class HeatCube:
             scratch.release(self.radiance)
             scratch.release(radiance)
         radiance.setflags(write=False)
-        return HeatCube(radiance, self.wavelength_um[good], self.fwhm_um[good], self.netd_k)
+        w, width = self.wavelength_um[good], self.fwhm_um[good]
+        return HeatCube(radiance, w, width, self.netd_k, self.dead)
+
+    def measured(self):
+        """radiance, but NaN where a pixel is dead."""
+        return without_dead(self.radiance, self.dead) if self.dead.any() else self.radiance
 
     @property
     def sigma(self):
@@ -223,4 +210,4 @@ class HeatCube:
                 "import --netd."
             )
         netd = float(np.clip(netd, 1e-3, MAX_NETD_K))
-        return HeatCube(self.radiance, self.wavelength_um, self.fwhm_um, netd)
+        return replace(self, netd_k=netd)

@@ -10,11 +10,12 @@ differences between one sky and another stay out of them.
 If no move makes a clear sky of these pixels much rather than a grey body, none is in view.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from .bands import quadrature
 from .estimate import AIR_MASSES
-from .heat_cube import HeatCube
 from .planck import brightness_temperature, radiance, radiance_derivative
 
 LOW_UM, HIGH_UM = 8.5, 11.0  # the bands that are looked at, ozone well inside
@@ -44,7 +45,7 @@ def registered(cube, library):
     low, high = library.wavelength_um[[0, -1]]
     if nodes.min() < low or nodes.max() > high:
         return cube, 0.0
-    return HeatCube(cube.radiance, w, cube.fwhm_um, cube.netd_k), shift
+    return replace(cube, wavelength_um=w), shift
 
 
 def spectral_shift(cube, library):

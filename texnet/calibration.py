@@ -95,7 +95,7 @@ def calibration(cube, environment, look, library, left_out=None):
 
     look      (Environment, HeatCube, seen, expected, regions, alike) -> maps of its pixels by a
               method, as `pipeline` has them
-    left_out  (height, width) bool: pixels that say nothing, being saturated
+    left_out  (height, width) bool: pixels that say nothing, being saturated or dead
     """
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from physics import scratch
-from physics.heat_cube import MAX_NETD_K, HeatCube
+from physics.heat_cube import MAX_NETD_K
 from physics.planck import noise_sigma
 
 DARKEST = 0.05  # what is left of a radiance, at least
@@ -43,14 +43,14 @@ def corrected(cube, c):
     """The HeatCube that a right camera would have shown, of a Calibration."""
     netd_k = min(cube.netd_k * c.noise / c.gain, MAX_NETD_K)
     if c.keeps_radiance:
-        return HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
+        return replace(cube, netd_k=netd_k)
     offset, gain = (a.astype(np.float32) for a in _offset_and_gain(cube.wavelength_um, c))
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for to, band, o, g in zip(radiance, scratch.parts(cube.radiance), offset, gain, strict=True):
         to[:] = _corrected(band, o, g)
         scratch.release(radiance)
     radiance.setflags(write=False)
-    return HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, netd_k)
+    return replace(cube, radiance=radiance, netd_k=netd_k)
 
 
 def corrected_environment(environment, c):

@@ -126,8 +126,9 @@ def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
 def _read_ours(path):
     """A RawCube of what is a heat cube already, of which a part may be wanted."""
     cube = read_cube(path)
+    measured = cube.measured()
     return RawCube(
-        HEAT_CUBE, lambda: cube.radiance, cube.wavelength_um, cube.fwhm_um, unit="W/m2/sr/um",
+        HEAT_CUBE, lambda: measured, cube.wavelength_um, cube.fwhm_um, unit="W/m2/sr/um",
         netd_k=cube.netd_k,
     )  # fmt: skip
 

@@ -182,7 +182,7 @@ def _check_numbers(dtype, key, path):
 
 def _write_npz(cube, path):
     arrays = {
-        "radiance": cube.radiance,
+        "radiance": cube.measured(),
         "wavelength_um": cube.wavelength_um,
         "fwhm_um": cube.fwhm_um,
         "netd_k": np.nan if cube.netd_k is None else cube.netd_k,
@@ -268,7 +268,7 @@ def _write_exr(cube, path):
     import OpenEXR
 
     # OpenEXR ignores strides
-    bands = zip(cube.wavelength_um, map(np.ascontiguousarray, cube.radiance), strict=True)
+    bands = zip(cube.wavelength_um, map(np.ascontiguousarray, cube.measured()), strict=True)
     channels = {channel_name(w): s for w, s in bands}
     if len(channels) < cube.bands:
         raise InputError("cube: bands closer than 1e-6 nm cannot be told apart in an .exr file.")

@@ -104,6 +104,7 @@ def _of_answer(d, cube):
         "sky_in_view": bool(d.sky) or (len(d.environment) == 1 and "sky" in materials),
         "sky_objects": len(d.sky),
         "unknown": d.unknown.mean(), "saturated": d.saturated.mean(),
+        "dead": d.dead.mean(),
         "residual": np.median(d.residual), "seconds": d.seconds,
     }  # fmt: skip
 
@@ -162,9 +163,11 @@ def _runner(method, model, device):
         return Runtime(path).run
 
 
-def _of_saturated(share):
-    if share:
-        yield f"Saturated    {100 * share:.2g} % of the pixels: unknown, and T a lower bound"
+def _of_pixels(saturated, dead):
+    if saturated:
+        yield f"Saturated    {100 * saturated:.2g} % of the pixels: unknown, and T a lower bound"
+    if dead:
+        yield f"Dead         {100 * dead:.2g} % of the pixels: unknown, filled from beside them"
 
 
 def _of_noise(netd_k, stated_k):
@@ -218,7 +221,7 @@ def _summary(r):
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
-        *_of_saturated(r["saturated"]),
+        *_of_pixels(r["saturated"], r["dead"]),
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]
     if "budget" in r:

@@ -55,13 +55,14 @@ class Decomposition:
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the
                           calibration, stated and found, included; 15 K and more where the pixel
-                          is saturated
+                          is saturated or dead
     material_probability  (materials, height, width); zero what `glance` did not see there
     unknown               True where the answer should not be trusted: nothing in the library
                           fits, or nothing as well as where most fits, no material is likely
                           enough (`doubt`), only the neighbours speak for the one given, or the
-                          pixel is saturated
+                          pixel is saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
+    dead                  True where nothing was measured: all maps are a neighbour's
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
     gain, offset_k        of the camera, and
@@ -89,6 +90,7 @@ class Decomposition:
     material_probability: np.ndarray
     unknown: np.ndarray
     saturated: np.ndarray
+    dead: np.ndarray
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
@@ -173,7 +175,8 @@ def decompose(
         with compiling(progress):
             k = supported_count(cube, library, seed)
         lap("k")
-    beyond = saturated(cube)
+    dead, beyond = cube.dead, saturated(cube)
+    untold = dead | beyond
     given, shown, netd_k = environment, RIGHT, cube.netd_k
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
@@ -188,7 +191,7 @@ def decompose(
         look, run = _exactly(library, method == "sgd", report, lap)
     if given is None and method != "net":
         with compiling(None if nets else progress):
-            shown = calibration(cube, environment, look, library, beyond)
+            shown = calibration(cube, environment, look, library, untold)
         if shown != RIGHT:
             cube, netd_k = corrected(cube, shown), cube.netd_k * shown.noise
             environment = estimate_environment(cube, library, k, seed=seed)
@@ -209,11 +212,11 @@ def decompose(
         )
     if shown.noise > 1:
         maps["unknown"] |= unsure(maps, shown.noise, shown.misfit, cube.bands)
-    maps["unknown"] |= beyond
-    maps["temperature_sigma_k"][beyond] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
+    maps["unknown"] |= untold
+    maps["temperature_sigma_k"][untold] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
-        saturated=beyond,
+        saturated=beyond, dead=dead,
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg, netd_k=netd_k,

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from physics import scratch
+from physics.dead_pixels import MOST, lit
 from physics.errors import InputError
-from physics.heat_cube import TYPICAL_K, HeatCube, lit, sampling_step
+from physics.heat_cube import TYPICAL_K, HeatCube, sampling_step
 from physics.planck import brightness_temperature
 
 UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
@@ -135,9 +136,10 @@ def heat_cube(raw, netd_k=None, progress=None):
         *said_of_bands,
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
-    note = "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
-    netd_k = raw.netd_k if netd_k is None else netd_k
-    return HeatCube(radiance, w, fwhm, netd_k), note
+    cube = HeatCube(radiance, w, fwhm, raw.netd_k if netd_k is None else netd_k)
+    if dead := int(np.count_nonzero(cube.dead)):
+        words.append(f"{dead} pixel{'s' * (dead > 1)} without a measurement, to be unknown")
+    return cube, "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
 
 
 def _ascending(raw, bands):
@@ -215,10 +217,11 @@ def _radiance(raw, kept, gain, offset, progress):
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
     size = radiance[0].size
-    if (ignored % size).any():  # a band without any measurement is a dead one, and found later
+    most = int((ignored % size).max())  # a band without any measurement is a dead one
+    if most > MOST * size:
         raise InputError(
-            f"cube: {ignored.max()} of {size} pixels hold the data ignore value {raw.ignore:g}; "
-            "cut out a part without them by --rows and --columns."
+            f"cube: {most} of {size} pixels hold the data ignore value {raw.ignore:g}, more than "
+            f"the {MOST:.0%} that may be dead; cut out a part by --rows and --columns."
         )
     radiance.setflags(write=False)
     return radiance

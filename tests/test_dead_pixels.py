@@ -1,0 +1,121 @@
+"""Pixels without a measurement: found, filled from beside them, kept on disk, called unknown."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from traced import one_thread, traced  # noqa: F401
+
+from physics import HeatCube
+from physics.dead_pixels import MOST
+from physics.errors import InputError
+from physics.planck import radiance
+from texnet.cli import main
+from texnet.cube_io import read_cube, write_cube
+from texnet.pipeline import decompose
+
+W = np.array([8.5, 10.0, 11.5])
+VALUES = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 65535.0])
+
+
+def a_cube(shape, seed=0):
+    """(bands, height, width) of a scene in which no two pixels are alike."""
+    return radiance(W[:, None, None], np.random.default_rng(seed).uniform(280, 300, shape))
+
+
+def with_dead(cube, share):
+    """A HeatCube some of whose pixels, in one band each, are NaN; and which."""
+    rng = np.random.default_rng(0)
+    dead = rng.random(cube.shape) < share
+    s = cube.radiance.copy()
+    s[rng.integers(cube.bands, size=dead.sum()), *np.nonzero(dead)] = np.nan
+    return HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k), dead
+
+
+@given(st.data(), st.integers(8, 12), st.integers(8, 12))
+def test_each_holds_the_spectrum_of_a_nearest_sound_pixel(data, height, width):
+    s = a_cube((height, width))
+    index = st.tuples(st.integers(0, 2), st.integers(0, height - 1), st.integers(0, width - 1))
+    spoilt = data.draw(st.dictionaries(index, VALUES, max_size=int(MOST * height * width)))
+    broken, dead = s.copy(), np.zeros((height, width), bool)
+    for (band, row, column), value in spoilt.items():
+        broken[band, row, column] = value
+        dead[row, column] = True
+    cube = HeatCube(broken, W)
+    np.testing.assert_array_equal(cube.dead, dead)
+    np.testing.assert_array_equal(cube.radiance[:, ~dead], s.astype(np.float32)[:, ~dead])
+    sound = np.argwhere(~dead)
+    for row, column in np.argwhere(dead):
+        square = ((sound - (row, column)) ** 2).sum(axis=1)
+        near = cube.radiance[:, *sound[square == square.min()].T]
+        assert (near == cube.radiance[:, row, column, None]).all(axis=0).any()
+
+
+def test_a_dead_band_kills_no_pixel():
+    for value in (np.nan, 0, 65535):
+        s = a_cube((4, 5))
+        s[1] = value
+        assert not HeatCube(s, W).dead.any()
+        s[0, 2, 3] = value
+        assert np.argwhere(HeatCube(s, W).dead).tolist() == [[2, 3]]
+
+
+def test_more_than_a_few_are_refused_by_name():
+    s = a_cube((10, 10))
+    s[1, 4, :5] = np.nan
+    assert HeatCube(s, W).dead.sum() == 5
+    s[2, 9, 9] = 0
+    with pytest.raises(InputError, match=r"6% .* at 10 um, row 4, column 0 \(nan\), .* most 5%"):
+        HeatCube(s, W)
+
+
+def test_a_map_of_the_camera_s_own_is_taken():
+    s, stated = a_cube((10, 10)), np.zeros((10, 10), bool)
+    stated[3, 4] = True
+    s[0, 7, 7] = np.nan
+    assert np.argwhere(HeatCube(s, W, dead=stated).dead).tolist() == [[3, 4], [7, 7]]
+    for wrong in (stated[1:], stated.astype(float)):
+        with pytest.raises(InputError, match="dead"):
+            HeatCube(s, W, dead=wrong)
+
+
+@pytest.mark.parametrize("kind", ["exr", "npz"])
+def test_files_and_parts_keep_them(tmp_path, kind):
+    cube, dead = with_dead(traced("forest", 54)[0], 0.02)
+    write_cube(cube.with_netd(), tmp_path / f"a.{kind}")
+    read = read_cube(tmp_path / f"a.{kind}")
+    np.testing.assert_array_equal(read.dead, dead)
+    np.testing.assert_array_equal(read.radiance, cube.radiance)
+    np.testing.assert_array_equal(read.only(np.arange(54) % 2 > 0).dead, dead)
+    part = ["--rows", "10:30", "--columns", "5:40", "--out", str(tmp_path / "part.npz")]
+    assert main(["import", str(tmp_path / f"a.{kind}"), *part]) == 0
+    np.testing.assert_array_equal(read_cube(tmp_path / "part.npz").dead, dead[10:30, 5:40])
+
+
+@pytest.mark.parametrize("method", ["local", "net+sgd"])
+def test_they_are_unknown_and_the_others_as_they_were(method):
+    cube = traced("forest", 54)[0]
+    spoilt, dead = with_dead(cube, 0.02)
+    there, whole = (decompose(c, method=method, k=3) for c in (spoilt, cube))
+    np.testing.assert_array_equal(there.dead, dead)
+    assert there.unknown[dead].all() and there.temperature_sigma_k[dead].min() > 15
+    assert (there.material == whole.material)[~dead].mean() > 0.98
+    assert np.median(np.abs(there.temperature_k - whole.temperature_k)[~dead]) < 0.005
+    assert np.abs(there.unknown.astype(int) - whole.unknown)[~dead].mean() < 0.01
+
+
+def test_the_commands_say_how_many(tmp_path, capsys):
+    cube, dead = with_dead(traced("forest", 54)[0], 0.01)
+    np.savez(tmp_path / "a.npz", radiance=cube.measured(), wav=cube.wavelength_um)
+    out = str(tmp_path / "cube.exr")
+    assert main(["import", str(tmp_path / "a.npz"), "--unit", "W/m2/sr/um", "--out", out]) == 0
+    assert f"{dead.sum()} pixels without a measurement" in capsys.readouterr().out
+    command = ["decompose", out, "--method", "local", "--json", "--out"]
+    assert main([*command, str(tmp_path / "b")]) == 0
+    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    assert f"Dead         {100 * dead.mean():.2g} % of the pixels" in text
+    assert json.loads(result)["dead"] == pytest.approx(dead.mean())
+    with np.load(tmp_path / "b" / "decomposition.npz") as npz:
+        np.testing.assert_array_equal(npz["dead"], dead)
