@@ -7,8 +7,9 @@ twice the width, twice the signal,
     NETD = NETD_K (1 um / w),       the same in every filter, as in a HeatCube.
 
 The last filter ends at 14 um, where carbon dioxide makes the air opaque: there a sky shows the
-air's temperature, without which `estimate` cannot tell a sky from a mirror. Beyond that the design
-takes the surroundings as known, up to ERROR_K; with few filters the cube may not show them.
+air's temperature, without which `estimate` cannot tell a sky from a mirror. Where the library ends
+before, so do the filters. Beyond that the design takes the surroundings as known, up to ERROR_K;
+with few filters the cube may not show them.
 
 Scenes. A fixed draw of T, of surroundings (a clear sky at three heights, under several amounts
 of water vapour, and ground colder and warmer than the air) and of V, uniform on the simplex.
@@ -60,6 +61,7 @@ LOW_UM, HIGH_UM, STEP_UM = 8.0, 14.0, 0.1
 FINE_UM = LOW_UM + STEP_UM * (np.arange(round((HIGH_UM - LOW_UM) / STEP_UM)) + 0.5)
 WIDTHS_UM = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0)
 LEAST = 3  # with fewer, `estimate` cannot tell a sky from a grey body
+LEAST_UM = 3.0  # of a library's range
 DRAWS, SEED = 32, 0
 WATER_CM = (0.5, 1.0, 2.0, 4.0)
 COS_ZENITH = (1.0, 0.5, 0.15)
@@ -112,14 +114,16 @@ def design_filters(library, n, scenes=None, progress=None):
     scenes    Scenes; those of draw_scenes() if None
     progress  called as progress(done, total, what)
 
-    Raises InputError where the library holds no material but the sky or does not cover 8-14 um,
-    or n is less than LEAST.
+    Raises InputError where the library holds no material but the sky or covers less than LEAST_UM
+    of 8-14 um, or n is less than LEAST or more than the library's range holds.
     """
     model, best = _Model(library, scenes), None
     if n < LEAST:
         raise InputError(f"bands: need at least {LEAST} filters, got {n}.")
     for m in range(1, n + 1):
-        starts = [_side_by_side(m)] if best is None else [_side_by_side(m), model.grow(*best)]
+        starts = [model.side_by_side(m)]
+        if best is not None:
+            starts.append(model.grow(*best))
         best = min((model.improve(*f) for f in starts), key=lambda f: model.loss(*f))
         if progress is not None:
             progress(m, n, "filters")
@@ -129,24 +133,26 @@ def design_filters(library, n, scenes=None, progress=None):
 def rate_filters(library, wavelength_um, width_um, scenes=None):
     """Filters of centres (N,) and of one width, um, with what to expect of them.
 
-    Raises InputError as design_filters, or where a filter reaches beyond 8-14 um.
+    Raises InputError as design_filters, or where a filter reaches beyond filter_range(library).
     """
     model, half = _Model(library, scenes), width_um / 2 - 1e-9
-    if min(wavelength_um) - half < LOW_UM or max(wavelength_um) + half > HIGH_UM:
-        raise InputError(f"bands: filters must lie within {LOW_UM:g}-{HIGH_UM:g} um.")
+    if min(wavelength_um) - half < model.low or max(wavelength_um) + half > model.high:
+        raise InputError(f"bands: filters must lie within {model.low:g}-{model.high:g} um.")
     return model.rate(list(wavelength_um), width_um)
 
 
-def _side_by_side(n):
-    """Centres and width of n equidistant filters, with gaps where they would be too wide."""
-    centres, width = equidistant_bands(n, LOW_UM, HIGH_UM)
-    return _fit(centres, min(float(width[0]), WIDTHS_UM[-1]))
-
-
-def _fit(centres, width):
-    """Centres moved so that filters of this width lie within 8-14 um and the last ends there."""
-    inside = np.clip(centres[:-1], LOW_UM + width / 2, HIGH_UM - width / 2)
-    return [*inside.tolist(), HIGH_UM - width / 2], width
+def filter_range(library):
+    """Lowest and highest wavelength of filters for a library, um: what it covers of 8-14 um, in
+    whole steps. Raises InputError where that is less than LEAST_UM."""
+    low, high = library.wavelength_um[[0, -1]] + (-1e-6, 1e-6)
+    edges = LOW_UM + STEP_UM * np.arange(len(FINE_UM) + 1)
+    inside = edges[(edges >= low) & (edges <= high)].round(9)
+    if not inside.size or np.ptp(inside) < LEAST_UM:
+        raise InputError(
+            f"library: it covers {low:.4g}-{high:.4g} um; filters need {LEAST_UM:g} um of "
+            f"{LOW_UM:g}-{HIGH_UM:g} um, at least."
+        )
+    return float(inside[0]), float(inside[-1])
 
 
 class _Belief(NamedTuple):
@@ -165,19 +171,22 @@ class _Model:
         materials = [name for name in library.names if name != SKY]
         if not materials:
             raise InputError("library: it holds only the sky; add materials to design filters for.")
-        e = library.subset(materials).at(FINE_UM)
+        self.low, self.high = filter_range(library)
+        inside = (FINE_UM > self.low) & (FINE_UM < self.high)
+        w = FINE_UM[inside]
+        e = library.subset(materials).at(w)
         scenes = draw_scenes() if scenes is None else scenes
         # the surroundings are wrong by ERROR_K, from one um to the next independently
         knots = np.arange(LOW_UM, HIGH_UM + 0.5)
-        error = np.maximum(0, 1 - np.abs(FINE_UM[:, None] - knots))
-        error = (1 - e)[..., None] * error * noise_sigma(FINE_UM, ERROR_K)[:, None]
+        error = np.maximum(0, 1 - np.abs(w[:, None] - knots))
+        error = (1 - e)[..., None] * error * noise_sigma(w, ERROR_K)[:, None]
         signal, lean = [], []
         for t, environment, v in zip(*scenes, strict=True):
-            t = np.full(len(e), t)
-            signal.append(render(t, e, v, environment, FINE_UM)[0])
-            j = leverage(FINE_UM, 1.0, e, environment, t)
+            t, environment = np.full(len(e), t), environment[:, inside]
+            signal.append(render(t, e, v, environment, w)[0])
+            j = leverage(w, 1.0, e, environment, t)
             lean.append(np.concatenate([j, error], axis=2))
-        # integrals over wavelength from LOW_UM to each edge of the fine bands
+        # integrals over wavelength from the lowest to each edge of the fine bands
         self._signal, self._lean = (
             np.cumsum(np.insert(a, 0, 0, axis=2), axis=2) * STEP_UM
             for a in (np.array(signal), np.array(lean))
@@ -191,6 +200,16 @@ class _Model:
             np.broadcast_to(prior, (draws, m, r, r)),
         )  # fmt: skip
         self._seen = {}
+
+    def side_by_side(self, n):
+        """Centres and width of n equidistant filters, with gaps where they would be too wide."""
+        centres, width = equidistant_bands(n, self.low, self.high)
+        return self._fit(centres, min(float(width[0]), WIDTHS_UM[-1]))
+
+    def _fit(self, centres, width):
+        """Centres moved so that filters of this width lie within the range and the last ends it."""
+        inside = np.clip(centres[:-1], self.low + width / 2, self.high - width / 2)
+        return [*inside.tolist(), self.high - width / 2], width
 
     def grow(self, centres, width):
         """These filters and the best one more."""
@@ -207,7 +226,7 @@ class _Model:
                 if found < loss - GAIN:
                     centres, loss = sorted([*others, place]), found
             for other in WIDTHS_UM:
-                moved, _ = _fit(centres, other)
+                moved, _ = self._fit(centres, other)
                 if len(set(moved)) == len(centres) and self.loss(moved, other) < loss - GAIN:
                     centres, width, loss = moved, other, self.loss(moved, other)
         return centres, width
@@ -227,7 +246,8 @@ class _Model:
     def _best_place(self, others, width):
         """Where one more filter helps most, and the loss with it."""
         belief = self._belief(others, width)
-        places = np.arange(LOW_UM + width / 2, HIGH_UM - width / 2 - STEP_UM / 2, STEP_UM)
+        end = self.high - width / 2 - STEP_UM / 2
+        places = np.arange(self.low + width / 2, end, STEP_UM)
         places = [p for p in places.tolist() if not np.isclose(p, others, 0, STEP_UM / 2).any()]
         losses = [sum(_losses(self._with(belief, p, width))) for p in places]
         best = int(np.argmin(losses))
@@ -258,17 +278,16 @@ class _Model:
         if key not in self._seen:
             noise = width * noise_sigma(centre, NETD_K / width)
             self._seen[key] = tuple(
-                (_up_to(a, centre + width / 2) - _up_to(a, centre - width / 2)) / noise
+                (self._up_to(a, centre + width / 2) - self._up_to(a, centre - width / 2)) / noise
                 for a in (self._signal, self._lean)
             )
         return self._seen[key]
 
-
-def _up_to(integral, wavelength_um):
-    """An integral (D, m, edges, ...) up to a wavelength within the fine bands."""
-    at = (wavelength_um - LOW_UM) / STEP_UM
-    i = int(np.clip(at, 0, integral.shape[2] - 2))
-    return integral[:, :, i] + (at - i) * (integral[:, :, i + 1] - integral[:, :, i])
+    def _up_to(self, integral, wavelength_um):
+        """An integral (D, m, edges, ...) up to a wavelength within the fine bands."""
+        at = (wavelength_um - self.low) / STEP_UM
+        i = int(np.clip(at, 0, integral.shape[2] - 2))
+        return integral[:, :, i] + (at - i) * (integral[:, :, i + 1] - integral[:, :, i])
 
 
 def _losses(belief):

@@ -14,6 +14,7 @@ from physics.filters import (
     Scenes,
     design_filters,
     draw_scenes,
+    filter_range,
     rate_filters,
 )
 from physics.planck import noise_sigma, radiance, radiance_derivative
@@ -122,6 +123,21 @@ def test_what_is_refused():
         design_filters(MaterialLibrary(["a", "b"], [9, 10], [[0.9, 0.8], [0.8, 0.9]]), 4)
     with pytest.raises(InputError, match="within 8-14 um"):
         rate_filters(THREE, [8.2, 10.0], 1.0)
+
+
+def test_filters_end_where_the_library_does():
+    """And what lies beyond it says nothing of filters within it."""
+    keep = W <= 13.5
+    short = MaterialLibrary(THREE.names, W[keep], THREE.emissivity[:, keep])
+    low, high = filter_range(short)
+    assert (low, high) == (8.0, 13.5) and filter_range(THREE) == (LOW_UM, HIGH_UM)
+    best = design_filters(short, 3, FEW)
+    assert (best.wavelength_um + best.fwhm_um / 2).max() == pytest.approx(high)
+    width = float(best.fwhm_um[0])
+    for a, b in zip(best, rate_filters(THREE, best.wavelength_um, width, FEW), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9)
+    with pytest.raises(InputError, match="within 8-13.5 um"):
+        rate_filters(short, [9.0, 13.5], 1.0)
 
 
 def _side_by_side(n):

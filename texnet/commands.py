@@ -82,7 +82,7 @@ def simulate(args):
 
 def bands(args):
     from physics.bands import equidistant_bands
-    from physics.filters import HIGH_UM, LOW_UM, design_filters, rate_filters
+    from physics.filters import design_filters, filter_range, rate_filters
     from physics.whole_file import check_writable
 
     from .band_file import write_bands
@@ -95,7 +95,7 @@ def bands(args):
         library = MaterialLibrary.load(args.library)
     with progress_bar() as report:
         best = design_filters(library, args.n, progress=report)
-    centres, width = equidistant_bands(args.n, LOW_UM, HIGH_UM)
+    centres, width = equidistant_bands(args.n, *filter_range(library))
     equidistant = rate_filters(library, centres, float(width[0]))
     if args.out is not None:
         write_bands(args.out, best.wavelength_um, best.fwhm_um)
