@@ -10,13 +10,12 @@ import os
 import numpy as np
 import onnxruntime
 
+from physics.by_tiles import by_tiles
 from physics.errors import InputError
-from physics.expected import among_all, only
-from physics.known import bytes_per_pixel
-from physics.tiles import TILE_BYTES, run_tiled
+from physics.tiles import MOST_AT_ONCE, TILE_BYTES
 
-MOST_THREADS = 8  # for more, memory is scarcer than cores
 OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
+AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -25,7 +24,7 @@ class Runtime:
 
     path     as `texnet export` wrote it; keeps the memory that its tiles take, half of TILE_BYTES
              each
-    threads  tiles at once; as many as there are cores, at most MOST_THREADS, if None
+    threads  tiles at once; as many as there are cores, at most MOST_AT_ONCE, if None
 
     about is the file's metadata, JSON parsed: texnet_version, history, meaning (of inputs and
     outputs), library (the starter library, as a library file), halo_px, cell_px,
@@ -37,7 +36,7 @@ class Runtime:
     def __init__(self, path, threads=None):
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
-        self._threads = threads or min(os.cpu_count(), MOST_THREADS)
+        self._threads = threads or min(os.cpu_count(), MOST_AT_ONCE)
         options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too
         # planning what may share memory takes four times as long as all else here, and saves none
@@ -54,12 +53,12 @@ class Runtime:
         except Exception as e:  # onnxruntime's own have no other base
             raise InputError(f"model: cannot read {path}: {BROKEN}.") from e
         about = self._session.get_modelmeta().custom_metadata_map
-        if "texnet_version" not in about:
-            raise InputError(f"model: cannot read {path}: {BROKEN}.")
+        try:
+            self.about = about | {name: json.loads(about[name]) for name in AS_JSON}
+        except (KeyError, ValueError) as e:
+            raise InputError(f"model: cannot read {path}: {BROKEN}.") from e
         if "log_evidence" not in {o.name for o in self._session.get_outputs()}:
             raise InputError(f"model: {path} is of an older texnet; export its weights again.")
-        as_json = ("history", "meaning", "library", "halo_px", "cell_px", "limits")
-        self.about = {k: json.loads(v) if k in as_json else v for k, v in about.items()}
 
     def run(self, radiance, known, progress=None, expected=None, regions=None):
         """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
@@ -76,33 +75,16 @@ class Runtime:
         feeds = {"radiance": radiance, **known}
         feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
         self._check(feeds)
-        materials = len(feeds["is_sky"])
-        if expected is not None and len(expected.nats) != materials:
-            raise InputError(
-                f"model: expected must be of {materials} materials, got {len(expected.nats)}."
-            )
-        halo, cell = self.about["halo_px"], self.about["cell_px"]
-        pixels = TILE_BYTES / 2 / bytes_per_pixel(feeds)
-        image = feeds.pop("radiance")
-        if regions is not None:
-            regions.check(image.shape[1:], materials, cell)
+        return by_tiles(
+            self._answer, feeds.pop("radiance"), feeds, expected, regions,
+            halo=self.about["halo_px"], cell=self.about["cell_px"], tile_bytes=TILE_BYTES / 2,
+            at_once=self._threads, progress=progress,
+        )  # fmt: skip
 
-        def answer(tile, inner, corner):
-            held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
-            if expected is None:
-                log_expected = np.zeros((held.sum(), *tile.shape[1:]), np.float32)
-            else:
-                log_expected = expected.of_tile(*corner, *tile.shape[1:], held)
-            of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
-            return among_all(self._answer(only(feeds, held) | of_tile), held)
-
-        cuts = regions and regions.cuts
-        return run_tiled(answer, image, halo, pixels, progress, cell, self._threads, cuts)
-
-    def _answer(self, feeds):
-        maps = zip(self._session.get_outputs(), self._session.run(None, feeds), strict=True)
-        maps = {output.name: a for output, a in maps}
-        return maps | {"material": maps["material"].astype(np.int16)}
+    def _answer(self, known, tile, log_expected, inner):
+        of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
+        maps = self._session.run(None, known | of_tile)
+        return {o.name: a for o, a in zip(self._session.get_outputs(), maps, strict=True)}
 
     def _check(self, feeds):
         """Raise InputError unless the inputs are those of the file, and agree."""

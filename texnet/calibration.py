@@ -21,8 +21,8 @@ stated (of few bands MORE times: at so much noise they tell no materials), and t
 is left even of the pixels that fit best, until that does not change (`_left`). If it is the noise
 that was stated, all is well. If not, it may be the bands among each other, if with gains of their
 own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
-times what is left is taken for noise, by and by from where it just fits, because what is wrong is
-so in many bands and pixels alike and misleads more than noise.
+times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just
+fits, because what is wrong is so in many bands and pixels alike and misleads more than noise.
 
 The constants were found on scenes of no test with 9 and 54 bands: right cameras, gains and offsets
 off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries whose curves are
@@ -53,7 +53,7 @@ LEAD = 0.25  # nats per pixel over the best of the other kind
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and all that is left is noise
-MORE = 4.0  # times the noise
+MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
 DOUBT_K, SHARE = 0.25, 0.7
@@ -132,22 +132,23 @@ def calibration(cube, environment, look, library, left_out=None):
                 taken.netd_k / stated
             )
 
-        return _left(at, rises=cube.bands < LEAST_FOR_GAINS)
+        return _left(at, rises=few)
 
+    few = cube.bands < LEAST_FOR_GAINS
     just = JUST + PER_BAND / cube.bands
     found = _gain_or_offset(environment, see, nats)
     misfit = left(found)
     if misfit > just + RISE and found != RIGHT:
         found, misfit = RIGHT, left(RIGHT)
-    enough = cube.bands >= LEAST_FOR_GAINS and len(environment) >= LEAST_OBJECTS
-    if misfit > just + RISE and enough:
+    if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, answer, library, quarter)
         if evened is not None and (less := left(evened)) <= just + RISE:
             found, misfit = evened, less
     if misfit <= just:
         return found
     # no step, for what lies just beside it
-    noise = (MORE * misfit) ** min((misfit - just) / RISE, 1.0)
+    more = MORE_OF_FEW if few else MORE
+    noise = (more * misfit) ** min((misfit - just) / RISE, 1.0)
     noise = min(round(noise, 3), MAX_NETD_K / cube.netd_k)
     return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
 

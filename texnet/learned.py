@@ -4,15 +4,13 @@ from copy import deepcopy
 from functools import cache
 from importlib.resources import as_file, files
 
-import numpy as np
 import torch
 
+from physics.by_tiles import by_tiles
 from physics.errors import InputError
 from physics.evidence import Known
-from physics.expected import among_all, only
-from physics.known import bytes_per_pixel
 from physics.refinement import STEPS
-from physics.tiles import TILE_BYTES, run_tiled
+from physics.tiles import MOST_AT_ONCE, TILE_BYTES
 
 from .model import TeX, TeXModel
 from .weights import load_network
@@ -33,25 +31,25 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
     network = network or shipped_network()
     model = TeXModel(deepcopy(network).to(device), steps if refined else 0)
 
+    def answer(*inputs):
+        known, tile, log_expected, inner = inputs
+        there = Known(**{name: torch.from_numpy(a).to(device) for name, a in known.items()})
+        tile, log_expected = (torch.from_numpy(a).to(device) for a in (tile, log_expected))
+        tex = model(there, tile, log_expected, torch.from_numpy(inner))
+        return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
+
     def run(radiance, known, progress=None, expected=None, regions=None):
-        known = {name: torch.from_numpy(a).to(device) for name, a in known.items()}
-        materials, cell = len(known["is_sky"]), network.config["stride"]
-        if regions is not None:
-            regions.check(radiance.shape[1:], materials, cell)
-
-        def tile(part, inner, corner):
-            held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
-            part, log_expected = torch.from_numpy(part).to(device), None
-            if expected is not None:
-                log_expected = expected.of_tile(*corner, *part.shape[1:], held)
-                log_expected = torch.from_numpy(log_expected).to(device)
-            there = Known(**only(known, torch.from_numpy(held).to(device)))
-            answer = model(there, part, log_expected, torch.from_numpy(inner))
-            maps = {name: a.cpu().numpy() for name, a in zip(TeX._fields, answer, strict=True)}
-            return among_all(maps | {"material": maps["material"].astype("int16")}, held)
-
-        pixels, cuts = TILE_BYTES / bytes_per_pixel(known), regions and regions.cuts
-        return run_tiled(tile, radiance, network.halo, pixels, progress, cell, cuts=cuts)
+        threads = torch.get_num_threads()
+        at_once = min(threads, MOST_AT_ONCE) if device == "cpu" else 1
+        torch.set_num_threads(threads // at_once)  # many on one tile waste more than one on each
+        try:
+            return by_tiles(
+                answer, radiance, known, expected, regions, halo=network.halo,
+                cell=network.config["stride"], tile_bytes=TILE_BYTES / at_once, at_once=at_once,
+                progress=progress,
+            )  # fmt: skip
+        finally:
+            torch.set_num_threads(threads)
 
     return run
 

@@ -1,0 +1,50 @@
+"""A picture of any size by a model that answers tiles: in torch (`texnet.learned`) or in ONNX
+Runtime (`export.runtime`), to which this tells what is expected and what is looked for where."""
+
+import numpy as np
+
+from .errors import InputError
+from .expected import among_all, only
+from .known import bytes_per_pixel
+from .tiles import run_tiled
+
+
+def by_tiles(
+    answer, radiance, known, expected=None, regions=None, *, halo, cell, tile_bytes, at_once=1,
+    progress=None,
+):  # fmt: skip
+    """Maps (..., height, width) by name, material int16 among all materials.
+
+    answer      (known, tile, log_expected, inner) -> maps of a tile (bands, h, w) of which it
+                answers inner, see `tiles.run_tiled`; known and log_expected (materials, h, w) hold
+                the materials that are looked for there alone
+    radiance    (bands, height, width) W m-2 sr-1 um-1
+    known       dict of float32 arrays as `physics.known.known_arrays` makes it
+    expected    physics.expected.Expected of the materials; nothing is if None
+    regions     physics.expected.Regions of the picture; all materials everywhere if None
+    halo, cell  how far the model sees, pixels, and of what tiles begin at multiples
+    tile_bytes  about what the work on a tile may take;  at_once  tiles in threads at a time
+    progress    called as progress(done, total) after each tile
+
+    Raises InputError where expected or regions are not of these materials and this picture.
+    """
+    materials = len(known["is_sky"])
+    if expected is not None and len(expected.nats) != materials:
+        raise InputError(
+            f"model: expected must be of {materials} materials, got {len(expected.nats)}."
+        )
+    if regions is not None:
+        regions.check(radiance.shape[1:], materials, cell)
+
+    def of_tile(tile, inner, corner):
+        held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
+        if expected is None:
+            log_expected = np.zeros((np.count_nonzero(held), *tile.shape[1:]), np.float32)
+        else:
+            log_expected = expected.of_tile(*corner, *tile.shape[1:], held)
+        maps = answer(only(known, held), tile, log_expected, inner)
+        return among_all(maps | {"material": maps["material"].astype(np.int16)}, held)
+
+    pixels = tile_bytes / bytes_per_pixel(known)
+    cuts = regions and regions.cuts
+    return run_tiled(of_tile, radiance, halo, pixels, progress, cell, at_once, cuts)
