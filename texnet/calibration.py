@@ -52,7 +52,8 @@ ENOUGH = 5.0  # nats above the typical pixel's
 LEAD = 0.25  # nats per pixel over the best of the other kind
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
-RISE = 0.1  # more than that, and all that is left is noise
+RISE = 0.1  # more than that, and it is not right
+RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 # what a calibration so found may still be off by, at 300 K, and as a share of the bands' gains
@@ -148,7 +149,7 @@ def calibration(cube, environment, look, library, left_out=None):
         return found
     # no step, for what lies just beside it
     more = MORE_OF_FEW if few else MORE
-    noise = (more * misfit) ** min((misfit - just) / RISE, 1.0)
+    noise = (more * misfit) ** min((misfit - just) / RAMP, 1.0)
     noise = min(round(noise, 3), MAX_NETD_K / cube.netd_k)
     return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
 
@@ -157,11 +158,14 @@ def _left(at, rises):
     """What is left even of the pixels that fit best, in noise units as stated; at(noise) is that
     where the noise is taken to be so many times as much, from FIRST down or from MORE up."""
     noise = MORE if rises else FIRST
+    left = at(noise)
     for _ in range(LOOKS):
-        left = at(noise)
         last, noise = noise, min(MORE * max(left, 1.0), FIRST)
         if (noise < last / LESS) if rises else (noise > LESS * last):
             break
+        before, left = left, at(noise)
+        if rises and left / before >= noise / last:  # it is the noise that is assumed, no more
+            return before
     return left
 
 
