@@ -72,7 +72,10 @@ def _bad(wavelength_um, spectra, differences, good):
     varies = np.ptp(s, axis=0) > 0
     same = ~varies & (varies.any() | (s[0] == 0))
     if same.any():
-        return {good[i]: "the same everywhere" for i in np.flatnonzero(same)}
+        return {
+            good[i]: "the same everywhere" if s[0, i] else "no radiance"
+            for i in np.flatnonzero(same)
+        }
     noise = _own_noise(d)
     if noise is None:
         return {}

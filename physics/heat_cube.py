@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import scratch
-from .dead_pixels import dead_pixels, of_neighbours, without_dead
+from .dead_pixels import MOST, dead_pixels, of_neighbours, without_dead
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
 
@@ -58,9 +58,9 @@ class HeatCube:
     """A heat cube S, immutable.
 
     radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive, but for
-                   bands that are so nowhere (`bad_bands` finds them), and few pixels, which are
-                   dead and are given a neighbour's (`dead_pixels`); copied unless it is read-only,
-                   and then never to be written to
+                   bands that hold nothing (`bad_bands` finds them), and few pixels, which are dead
+                   and are given a neighbour's (`dead_pixels`); copied unless it is read-only, and
+                   then never to be written to
     wavelength_um  (bands,) band centres in um, ascending
     fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
@@ -88,15 +88,15 @@ class HeatCube:
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
                 "give one wavelength per band, bands first."
             )
-        dead, alive = dead_pixels(s, w)
-        if dead.any():
-            s = of_neighbours(s, dead)
+        dead, share = dead_pixels(s, w)
+        if dead.any() or ((share > MOST) & (share < 1)).any():
+            s = of_neighbours(s, dead, share)
         if self.dead is not None:
             stated = np.asarray(self.dead)
             if stated.shape != dead.shape or stated.dtype != bool:
                 raise InputError("cube: dead must be (height, width) bool.")
             dead |= stated
-        some = np.quantile(np.flatnonzero(alive), [0, 0.5, 1], method="lower")
+        some = np.quantile(np.flatnonzero(share <= MOST), [0, 0.5, 1], method="lower")
         typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])
         low, high = TYPICAL_K
         if not low <= typical_k <= high:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from traced import one_thread, traced  # noqa: F401
 
 from physics import HeatCube
+from physics.bad_bands import without_bad_bands
 from physics.dead_pixels import MOST
 from physics.errors import InputError
 from physics.planck import radiance
@@ -60,6 +61,21 @@ def test_a_dead_band_kills_no_pixel():
         assert not HeatCube(s, W).dead.any()
         s[0, 2, 3] = value
         assert np.argwhere(HeatCube(s, W).dead).tolist() == [[2, 3]]
+
+
+def test_a_band_that_is_dead_in_most_pixels_is_left_out():
+    """Be it a detector's noise around zero, or one that a single pixel outlives."""
+    cube = traced("forest", 54)[0]
+    whole = cube.only(np.arange(54) != 20)
+    rng = np.random.default_rng(0)
+    for band in (rng.normal(0, 0.005, cube.shape), (np.arange(48 * 72) == 7).reshape(48, 72)):
+        s = cube.radiance.copy()
+        s[20] = band
+        spoilt = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+        assert not spoilt.dead.any()
+        left, why = without_bad_bands(spoilt)
+        assert why == {cube.wavelength_um[20]: "no radiance"}
+        np.testing.assert_array_equal(left.radiance, whole.radiance)
 
 
 def test_more_than_a_few_are_refused_by_name():

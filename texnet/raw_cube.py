@@ -217,10 +217,10 @@ def _radiance(raw, kept, gain, offset, progress):
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
     size = radiance[0].size
-    most = int((ignored % size).max())  # a band without any measurement is a dead one
-    if most > MOST * size:
+    half = int(np.median(ignored))  # of the bands: those that have more are dead
+    if half > MOST * size:
         raise InputError(
-            f"cube: {most} of {size} pixels hold the data ignore value {raw.ignore:g}, more than "
+            f"cube: {half} of {size} pixels hold the data ignore value {raw.ignore:g}, more than "
             f"the {MOST:.0%} that may be dead; cut out a part by --rows and --columns."
         )
     radiance.setflags(write=False)
