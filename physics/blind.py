@@ -31,7 +31,6 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.cluster import KMeans
 
-from .bad_bands import without_bad_bands
 from .environment import Environment
 from .errors import InputError
 from .estimate import SAMPLES, estimate_environment, sky_clusters
@@ -39,8 +38,8 @@ from .heat_cube import HeatCube
 from .library import SKY, MaterialLibrary
 from .local import solve_given, solve_local
 from .planck import brightness_temperature, noise_sigma, radiance
+from .prepared import prepared
 from .reduced import reduce_model
-from .spectral_shift import registered
 
 MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials
@@ -68,15 +67,14 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     The note says in one sentence what was found and what cannot be told apart.
     Raises InputError where the cube has fewer than 20 bands, no sky, or too little beside it.
     """
-    cube, left_out = without_bad_bands(cube)
     starter = MaterialLibrary.starter().subset([SKY])
-    cube, shift = registered(cube, starter)
+    cube, left_out, shift, _ = prepared(cube, starter)
     if cube.bands < MIN_BANDS:
         raise InputError(
             f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
             f"of {MIN_BANDS} or more, or a library from elsewhere."
         )
-    own_k = cube.with_netd().netd_k
+    own_k = cube.netd_k
     netd_k = max(own_k, MIN_NETD_K)
     cube = replace(cube, netd_k=netd_k)
     pixels = cube.shape[0] * cube.shape[1]

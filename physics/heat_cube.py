@@ -53,7 +53,7 @@ def sampling_step(shape, most):
     return step
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HeatCube:
     """A heat cube S, immutable.
 
@@ -127,6 +127,14 @@ class HeatCube:
         object.__setattr__(self, "wavelength_um", w)
         object.__setattr__(self, "fwhm_um", width)
         object.__setattr__(self, "dead", dead)
+
+    def __repr__(self):
+        w, (height, width) = self.wavelength_um, self.shape
+        netd = "not known" if self.netd_k is None else f"{1e3 * self.netd_k:.3g} mK"
+        return (
+            f"<HeatCube of {height} x {width} pixels, {self.bands} bands at {w[0]:.4g}-{w[-1]:.4g} "
+            f"um, NETD {netd}>"
+        )
 
     @property
     def bands(self):

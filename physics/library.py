@@ -26,7 +26,7 @@ SKY = "sky"
 GREY = (0.4, 0.4, 0.4)  # albedo where none is given
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MaterialLibrary:
     """Semantic library of spectral emissivities, immutable.
 
@@ -87,6 +87,10 @@ class MaterialLibrary:
         for key, value in fields.items():
             object.__setattr__(self, key, value)
 
+    def __repr__(self):
+        low, high = self.wavelength_um[[0, -1]]
+        return f"<MaterialLibrary of {low:g}-{high:g} um: {', '.join(self.names)}>"
+
     def __len__(self):
         return len(self.names)
 
@@ -102,7 +106,9 @@ class MaterialLibrary:
         return self.names.index(name)
 
     def subset(self, names):
-        """The library of these materials, in this order."""
+        """The library of these materials, in this order; InputError as `index`."""
+        if isinstance(names, str):
+            raise InputError(f"library: names must be a list, as [{names!r}].")
         i = [self.index(n) for n in names]
         return MaterialLibrary(
             [self.names[j] for j in i], self.wavelength_um, self.emissivity[i],

@@ -35,17 +35,17 @@ GREYS = np.linspace(0.02, 1, 50)[:, None]
 
 
 def registered(cube, library):
-    """A HeatCube at the wavelengths that its sky shows, and by how much they are less than stated,
-    um (negative: more); itself and 0 where the cube cannot say, or the library does not reach."""
+    """A HeatCube at the wavelengths that its sky shows, without the bands that thereby leave the
+    library, and by how much they are less than stated, um (negative: more); itself and 0 where the
+    cube cannot say."""
     shift = spectral_shift(cube, library)
     if not shift:
         return cube, 0.0
-    w = cube.wavelength_um - shift
-    nodes = quadrature(w, cube.fwhm_um)
     low, high = library.wavelength_um[[0, -1]]
-    if nodes.min() < low or nodes.max() > high:
-        return cube, 0.0
-    return replace(cube, wavelength_um=w), shift
+    cube = replace(cube, wavelength_um=cube.wavelength_um - shift)
+    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    inside = (nodes.min(axis=1) >= low) & (nodes.max(axis=1) <= high)
+    return cube if inside.all() else cube.only(inside), shift
 
 
 def spectral_shift(cube, library):

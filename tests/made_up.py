@@ -62,7 +62,7 @@ def perfect(t, names=NAMES):
         temperature_sigma_k=np.full(material.shape, 0.1, np.float32),
         material_probability=(np.arange(len(names))[:, None, None] == material).astype(np.float32),
         unknown=np.zeros(material.shape, bool),
-        saturated=np.zeros(material.shape, bool),
+        saturated=np.zeros(material.shape, bool), dead=np.zeros(material.shape, bool),
         wavelength_um=t.wavelength_um,
         hue_deg=np.array([hues[n] for n in names]),
         netd_k=0.05,

@@ -116,13 +116,18 @@ def test_where_nothing_can_be_said():
 
 
 def test_a_library_that_does_not_reach():
-    """There, the cube stays as it is stated; and one that is right is not moved to fit."""
+    """Bands that turn out to lie beyond it are left out; a cube that is right is not moved."""
     cube = traced("forest", 54)[0]
     w, inside = LIBRARY.wavelength_um, LIBRARY.wavelength_um >= 8.1
     narrow = replace(LIBRARY, wavelength_um=w[inside], emissivity=LIBRARY.emissivity[:, inside])
     wrong = stated(cube, 0.25)
-    assert registered(wrong, narrow) == (wrong, 0)
-    assert registered(wrong, LIBRARY)[1] != 0
+    part, shift = registered(wrong, narrow)
+    assert shift == registered(wrong, LIBRARY)[1] != 0
+    np.testing.assert_allclose(part.wavelength_um, wrong.wavelength_um[1:] - shift)
+    np.testing.assert_array_equal(part.radiance, wrong.radiance[1:])
+    d = decompose(wrong, narrow, method="local")
+    assert d.left_out == {wrong.wavelength_um[0]: "beyond the library"}
+    assert d.spectral_shift_um == shift and len(d.wavelength_um) == 53
     with pytest.raises(InputError, match="8.1-14.5 um but the bands need 8.056-13.94"):
         decompose(cube, narrow, method="local")
 

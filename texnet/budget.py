@@ -13,11 +13,10 @@ import time
 from functools import partial
 from importlib.resources import files
 
-from physics.bad_bands import without_bad_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
-from physics.spectral_shift import registered
+from physics.prepared import prepared
 
 from .pipeline import decompose
 
@@ -40,7 +39,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     Raises InputError with what the fastest takes if none fits.
     """
     start = time.perf_counter()
-    cube = registered(without_bad_bands(cube)[0].with_netd(), library)[0]
+    cube = prepared(cube, library).cube
     if k == "auto":
         from physics.support import supported_count  # numba takes a second to load
 

@@ -210,7 +210,7 @@ def _parser():
         f"supports; default: {K}",
     )  # fmt: skip
 
-    def add_training(name, run, text, scenes, epochs):
+    def add_training(name, run, text, scenes, epochs, per_epoch):
         p = add(of_texnet, name, run, text)
         p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".safetensors")
         p.add_argument(
@@ -219,7 +219,7 @@ def _parser():
         )  # fmt: skip
         p.add_argument(
             "--epochs", metavar="N", type=_integer(1, 10_000), default=epochs,
-            help=f"passes over all draws, default: {epochs}",
+            help=f"of {per_epoch} draws each, default: {epochs}",
         )  # fmt: skip
         p.add_argument(
             "--cache", metavar="DIR", type=_folder, default=Path.home() / ".cache" / "texnet",
@@ -234,8 +234,9 @@ def _parser():
 
     # the defaults of training.train and training.finetune, which are slow to import
     text = "train a network on simulated scenes; an hour or two"
-    add_training("train", commands.train, text, 1600, 60)
-    p = add_training("finetune", commands.finetune, "adapt a network to a library; minutes", 48, 3)
+    add_training("train", commands.train, text, 1600, 60, 320)
+    text = "adapt a network to a library; minutes"
+    p = add_training("finetune", commands.finetune, text, 48, 3, 160)
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / MODEL,

@@ -28,7 +28,7 @@ from .mat_file import read_mat
 from .raw_cube import UNITS, RawCube, heat_cube, part_of
 
 HEAT_CUBE = "heat cube"
-HADAR = ("S", "HSI")
+HADAR_MAT, HADAR = "HADAR .mat", ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
 OURS, ONLY_OURS = {"radiance", "wavelength_um"}, {"fwhm_um", "netd_k"}
@@ -116,8 +116,11 @@ def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
     first, last = wavelengths_um or wavenumbers_cm1
     if bands == 1 and first != last:
         raise InputError(f"cube: {path} has one band; give its centre twice, as in 11:11.")
-    centre = np.linspace(first, last, bands)
-    return raw._replace(centre=centre, axis="um" if wavelengths_um else "cm-1")
+    centre, words = np.linspace(first, last, bands), raw.words
+    usual = PUBLISHED_CM1.get(bands) if raw.what.startswith(HADAR_MAT) else None
+    if usual and wavenumbers_cm1 and usual != f"{first:g}:{last:g}":
+        words = (*words, f"not the {usual} cm-1 of published cubes of {bands} bands")
+    return raw._replace(centre=centre, axis="um" if wavelengths_um else "cm-1", words=words)
 
 
 # --- .exr, .npz, .mat and .npy -----------------------------------------------------------
@@ -150,7 +153,7 @@ def _read_mat(path):
     hint = ""
     if len(s) in PUBLISHED_CM1:
         hint = f" (published cubes of {len(s)} bands need --wavenumbers {PUBLISHED_CM1[len(s)]})"
-    return RawCube(f"HADAR .mat, {hadar}", lambda: s, unit="W/m2/sr/cm-1", hint=hint)
+    return RawCube(f"{HADAR_MAT}, {hadar}", lambda: s, unit="W/m2/sr/cm-1", hint=hint)
 
 
 def _read_npz(path):

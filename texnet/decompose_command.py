@@ -93,7 +93,7 @@ def _of_answer(d, cube):
     materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     return {
         "bands": cube.bands, "size": cube.shape,
-        "netd_k": d.netd_k, "netd_stated_k": cube.netd_k,
+        "netd_k": d.netd_k, "noise_raised": d.noise_raised, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
         "band_gains": d.band_gains, "offset_k": d.offset_k,
@@ -170,6 +170,16 @@ def _of_pixels(saturated, dead):
         yield f"Dead         {100 * dead:.2g} % of the pixels: unknown, filled from beside them"
 
 
+def _netd(r):
+    # as the camera showed it, before gain and misfit
+    said, own = r["netd_stated_k"], r["netd_k"] * r["gain"] / r["noise_raised"]
+    source = "estimated" if said is None else "as stated"
+    if said and not math.isclose(own, said, rel_tol=1e-3):
+        source = f"estimated, {1e3 * said:.0f} mK stated"
+    raised = f", taken for {1e3 * r['netd_k']:.0f} mK as nothing fits better"
+    return f"NETD {1e3 * own:.0f} mK ({source}){raised if r['noise_raised'] > 1 else ''}"
+
+
 def _of_noise(netd_k, stated_k):
     if netd_k > SUSPICIOUS_K and netd_k > SUSPICIOUS * (stated_k or 0):
         yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
@@ -203,16 +213,11 @@ def _of_bands(gains):
 
 
 def _summary(r):
-    own, said = r["netd_k"], r["netd_stated_k"]
-    source = "as stated" if own == said else "estimated"
-    if said and said != own:
-        source += f", {1e3 * said:.0f} mK stated"
     t, shares = r["temperature_k"], list(r["materials"].items())
     shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
     lines = [
-        f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, "
-        f"NETD {1e3 * own:.0f} mK ({source})",
-        *_of_noise(own, said),
+        f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, {_netd(r)}",
+        *_of_noise(r["netd_k"], r["netd_stated_k"]),
         *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
         *_of_shift(r["spectral_shift_um"]),
         *_of_calibration(r["gain"], r["offset_k"]),

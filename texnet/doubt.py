@@ -65,7 +65,9 @@ def sigma_among_neighbours(sigma, temperature, material):
         above, below = max(top - 1, 0), min(bottom + 1, height)
         pad = ((above - top + 1, bottom + 1 - below), (1, 1))
         t, m = (np.pad(a[above:below], pad, mode="edge") for a in (temperature, material))
-        t = t - t.mean(dtype=np.float64)  # small, so that its squares are precise enough
+        good = t[np.isfinite(t)]
+        if good.size:  # small, so that its squares are precise enough
+            t = t - good.mean(dtype=np.float64)
         mean = _over_nine(np.add, t) / 9
         variance = np.maximum(_over_nine(np.add, t * t) / 9 - mean**2, 0)
         edge = _over_nine(np.maximum, m) != _over_nine(np.minimum, m)
@@ -79,6 +81,8 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
     300 K, be that an offset or a gain: what moves T more, which below 300 K is an offset. Light
     that is reflected was measured by the same camera: T moves as much whatever the emissivity.
     """
+    if not np.isfinite(temperature).any():
+        return sigma
     t = np.arange(max(np.nanmin(temperature), 1.0), np.nanmax(temperature) + GRID_K, GRID_K)
     off, slope = noise_sigma(wavelength_um, error_k), radiance_derivative(wavelength_um, t[:, None])
     gain = off / radiance(wavelength_um, 300.0) * radiance(wavelength_um, t[:, None])

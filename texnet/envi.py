@@ -6,7 +6,8 @@ of bytes, ordered bsq (bands, lines, samples), bil (lines, bands, samples) or bi
 bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a bad band), data
 ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
 
-The format has no word for the radiance's unit. The header's sizes are held against the binary's
+The format has no word for the radiance's unit, but some write one, as data units or units: it is
+taken if it is a name in `raw_cube.UNITS`. The header's sizes are held against the binary's
 before anything is read.
 """
 
@@ -18,7 +19,7 @@ import numpy as np
 
 from physics.errors import InputError
 
-from .raw_cube import RawCube
+from .raw_cube import UNITS, RawCube
 
 DTYPES = {
     1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8",
@@ -63,8 +64,10 @@ def read_envi(path):
     bbl, ignore = header.numbers("bbl", bands), None
     if header.word("data ignore value", "nan").lower() != "nan":
         ignore = header.numbers("data ignore value", 1)[0]
+    said = header.word("data units", header.word("units", "")).lower()
+    unit = next((u for u in UNITS if u.lower() == said), None)
     return RawCube(
-        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, None, gain, offset,
+        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, unit, gain, offset,
         good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint, words=(*words, *scaled),
     )  # fmt: skip
 

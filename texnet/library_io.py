@@ -227,6 +227,10 @@ def _read_csv(path):
 # --- ECOSTRESS / ASTER text --------------------------------------------------------------
 
 
+class NotThermal(InputError):
+    """A spectrum of another part of the spectrum."""
+
+
 def _read_texts(path):
     if path.is_dir():
         text = [p for p in sorted(path.iterdir()) if p.suffix.lower() == ".txt"]
@@ -236,17 +240,20 @@ def _read_texts(path):
             raise InputError(f"library: the folder {path} holds no spectrum .txt file.")
     else:
         files = [path]
-    spectra, refused = [], {}
+    spectra, refused, elsewhere = [], {}, []
     for file in files:
         try:
             spectra.append(_read_text(file))
+        except NotThermal as e:  # usual beside others
+            elsewhere.append(file)
+            refused |= {} if len(files) > len(elsewhere) else {file.name: str(e)}
         except InputError as e:
             refused[file.name] = str(e)
     if refused:
         first, *others = refused
         rest = f"; refused as well: {', '.join(others)}." if others else "."
         raise InputError(refused[first].removesuffix(".") + rest)
-
+    files = [file for file in files if file not in elsewhere]
     low = max(w[0] for _, w, _, _ in spectra)
     high = min(w[-1] for _, w, _, _ in spectra)
     if low >= high:
@@ -271,6 +278,10 @@ def _read_texts(path):
         f"files' grids in their common range within {TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um",
     ]
     skipped = sum(n for _, _, _, n in spectra)
+    if elsewhere:
+        low, high = TEXT_RANGE_UM
+        without = ", ".join(file.name for file in elsewhere)
+        words.append(f"nothing of {low:g}-{high:g} um in {without}: left out")
     if skipped:
         words.append(f"{skipped} rows skipped that are no two positive numbers")
     return names, grid, e, sources, words
@@ -324,7 +335,7 @@ def _read_text(path):
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
         covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
-        raise InputError(
+        raise NotThermal(
             f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
             "leave this file out."
         )
@@ -408,9 +419,10 @@ def _within_0_and_1(e, names):
     worst = np.nan_to_num(excess, nan=np.inf).max(axis=1)
     if worst.max() > CLIP + 1e-9:  # 1.02 - 1 is more than 0.02
         i = int(np.argmax(worst))
+        percent = "; divide it by 100 if it is in percent" if 2 < e[i].max() <= 100 else ""
         raise InputError(
             f"library: emissivity of {names[i]} spans {e[i].min():g} to {e[i].max():g}; "
-            f"it must be finite and within 0..1, or off by {CLIP:g} at most."
+            f"it must be finite and within 0..1, or off by {CLIP:g} at most{percent}."
         )
     n = np.count_nonzero(excess > 0)
     words = [f"{n} values up to {worst.max():.2g} outside 0..1 clipped"] if n else []

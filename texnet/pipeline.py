@@ -16,7 +16,6 @@ from functools import partial
 
 import numpy as np
 
-from physics.bad_bands import without_bad_bands
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -24,9 +23,9 @@ from physics.expected import only
 from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
+from physics.prepared import prepared
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
-from physics.spectral_shift import registered
 
 from . import glance
 from .calibration import calibration, doubt_k
@@ -39,7 +38,7 @@ MAX_K = 10
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Decomposition:
     """TeX and how sure it is. Maps are (height, width).
 
@@ -72,7 +71,8 @@ class Decomposition:
     calibration_error_k   as it was stated, K at 300 K
     left_out              {wavelength_um: why} of those that were not, being dead or hot
     hue_deg               (materials,) TeX-vision hues
-    netd_k                the noise that was assumed, K
+    netd_k                the noise that was assumed, K, of the corrected cube, which is
+    noise_raised          times the camera's: more than once where nothing fits better
     objective             E of `physics.semiglobal` along the refinement, nats; empty for local
     seconds               time by stage
     """
@@ -94,6 +94,7 @@ class Decomposition:
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
+    noise_raised: float = 1.0
     spectral_shift_um: float = 0.0
     gain: float = 1.0
     band_gains: np.ndarray | float = 1.0
@@ -102,6 +103,14 @@ class Decomposition:
     left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
     seconds: dict = field(default_factory=dict)
+
+    def __repr__(self):
+        height, width = self.material.shape
+        return (
+            f"<Decomposition of {height} x {width} pixels: half warmer than "
+            f"{np.nanmedian(self.temperature_k):.1f} K, {len(np.unique(self.material))} materials, "
+            f"{self.unknown.mean():.1%} unknown>"
+        )
 
 
 def decompose(
@@ -134,9 +143,18 @@ def decompose(
                  such as export.Runtime(FILE).run; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
-    Raises InputError where the library does not cover the bands, or method, k, seed or
-    calibration_error_k are wrong.
+    Raises InputError where the library does not cover the bands, or an argument is wrong.
     """
+    if not isinstance(cube, HeatCube):
+        raise InputError(
+            f"decompose: cube must be a HeatCube, as texnet.cube_io.read_cube reads one, got "
+            f"{type(cube).__name__}."
+        )
+    if not isinstance(library, MaterialLibrary | None):
+        raise InputError(
+            f"decompose: library must be a MaterialLibrary, as MaterialLibrary.load reads one, got "
+            f"{type(library).__name__}."
+        )
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
     if not (_whole(k, 1, MAX_K) or isinstance(k, str) and k == "auto"):
@@ -159,14 +177,10 @@ def decompose(
         return (lambda done, total: progress(done, total, what)) if progress else None
 
     whole = cube.wavelength_um
-    cube, left_out = without_bad_bands(cube)
-    cube = cube.with_netd()
+    cube, left_out, shift, stated = prepared(cube, library)
     if environment is not None:
         environment.check_bands(whole)
-        environment = environment.only(np.isin(whole, cube.wavelength_um))
-    stated = cube.wavelength_um
-    cube, shift = registered(cube, library)
-    if environment is not None:
+        environment = environment.only(np.isin(whole, stated))
         environment = replace(environment, wavelength_um=cube.wavelength_um)
     lap("bands")
     if k == "auto" and environment is None:
@@ -177,7 +191,7 @@ def decompose(
         lap("k")
     dead, beyond = cube.dead, saturated(cube)
     untold = dead | beyond
-    given, shown, netd_k = environment, RIGHT, cube.netd_k
+    given, shown = environment, RIGHT
     environment = environment or estimate_environment(cube, library, k, seed=seed)
     lap("environment")
     nets = method.startswith("net")
@@ -193,7 +207,7 @@ def decompose(
         with compiling(None if nets else progress):
             shown = calibration(cube, environment, look, library, untold)
         if shown != RIGHT:
-            cube, netd_k = corrected(cube, shown), cube.netd_k * shown.noise
+            cube = corrected(cube, shown)
             environment = estimate_environment(cube, library, k, seed=seed)
         lap("calibration")
     with compiling(None if nets else progress):
@@ -219,7 +233,8 @@ def decompose(
         saturated=beyond, dead=dead,
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
-        wavelength_um=stated, hue_deg=library.hue_deg, netd_k=netd_k,
+        wavelength_um=stated, hue_deg=library.hue_deg,
+        netd_k=cube.netd_k, noise_raised=shown.noise,
         spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip

@@ -8,11 +8,10 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from physics.bad_bands import without_bad_bands
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
-from physics.spectral_shift import registered
+from physics.prepared import prepared
 
 from .samples import OBJECTS, Sample, features
 
@@ -28,7 +27,7 @@ class Crops(Dataset):
     def __init__(self, cubes, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
         for cube in cubes:
-            cube = registered(without_bad_bands(cube)[0].with_netd(), library)[0]
+            cube = prepared(cube, library).cube
             most = min(OBJECTS[1], cube.shape[0] * cube.shape[1])
             known = []
             for k in range(OBJECTS[0], most + 1):

@@ -45,8 +45,9 @@ _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 # of what is in a scene's file, or a traced one's
 SOURCES = (
     *(_PHYSICS / name for name in (
-        "simulator", "array_file.py", "bands.py", "errors.py", "heat_cube.py", "library.py",
-        "planck.py", "sky.py", "truth.py", "whole_file.py", "data/starter_library.json",
+        "simulator", "array_file.py", "bands.py", "dead_pixels.py", "errors.py", "heat_cube.py",
+        "library.py", "planck.py", "sky.py", "truth.py", "whole_file.py",
+        "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
 )  # fmt: skip

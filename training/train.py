@@ -78,10 +78,8 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
 
 def run_name(settings):
     """A folder name for a run: the same settings (plain values) and code, the same name."""
-    code = sorted(Path(physics.__file__).parent.glob("*.py"))
-    ours = Path(texnet.__file__).parent
-    code += [ours / f"{name}.py" for name in ("chunks", "glance", "model", "network")]
-    return provenance(settings, [*code, Path(__file__).parent])
+    packages = [Path(package.__file__).parent for package in (physics, texnet)]
+    return provenance(settings, [*packages, Path(__file__).parent])
 
 
 class Draws(Dataset):
