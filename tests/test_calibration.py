@@ -12,10 +12,12 @@ from physics import HeatCube, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
-from texnet.calibration import GAIN, calibration, doubt_k
+from texnet.calibration import calibration
 from texnet.cli import main
 from texnet.correction import RIGHT, Calibration, corrected
 from texnet.cube_io import write_cube
+from texnet.doubt import doubt_k
+from texnet.gain_or_offset import GAIN
 from texnet.pipeline import decompose
 
 LIBRARY = MaterialLibrary.starter()

@@ -601,12 +601,25 @@ def test_the_command_writes_what_decompose_reads(tmp_path, capfd, suffix):
     assert cube.netd_k == 0.05
 
 
+@pytest.mark.parametrize("key", ["data units", "units"])
+def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
+    path = envi(tmp_path / "a", 100 * S, **{key.replace(" ", "_"): "Microflick"})
+    check_same(import_cube(path)[0])
+    check_same(import_cube(path, "uW/cm2/sr/um")[0])
+    path = envi(tmp_path / "a", S, **{key.replace(" ", "_"): "DN"})
+    with pytest.raises(InputError, match="does not say which unit"):
+        import_cube(path)
+
+
 def test_bands_are_said_once(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
     flag = ["--wavelengths", "8:14"]
     assert "leave out --wavelengths" in refused(capfd, path, "--out", out, *FLAGS, *flag)
     path = mat(tmp_path / "a.mat", S=np.ones((2, 2, 54)))
     assert "54 bands need --wavenumbers 720:1250" in refused(capfd, path, "--out", out)
+    for wavenumbers, said in (((760, 1240), True), ((720, 1250), False)):
+        words = import_cube(path, wavenumbers_cm1=wavenumbers)[1]
+        assert ("not the 720:1250 cm-1 of published cubes of 54 bands" in words) is said
     flag += ["--wavenumbers", "720:1250"]
     assert "not both" in refused(capfd, path, "--out", out, *flag)
     flag = ["--wavenumbers", "8:14"]

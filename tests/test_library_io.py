@@ -261,7 +261,7 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
         ("a.csv", "wavelength_um,water\n8,wet\n", "line 2"),
         ("a.csv", "wavelength_um,water\n8,inf\n", "line 2"),
         ("a.csv", "wavelength_um,water\n8,0.9\n8,0.8\n", "8 um is there twice"),
-        ("a.csv", "wavelength_um,water\n8,97\n9,98\n", "emissivity of water spans 97 to 98"),
+        ("a.csv", "wavelength_um,water\n8,97\n9,98\n", "off by 0.02 at most; divide it by 100"),
         ("a.csv", "wavelength_um,water\n8,1.03\n", "off by 0.02 at most"),
         ("a.csv", "wavelength_um,water\n8000,0.9\n", "looks like nm"),
         ("a.csv", "wavenumber_cm1,water\n8,0.9\n", "10 um is 1000 cm-1"),
@@ -277,6 +277,19 @@ def test_wrong_texts(tmp_path, capfd, name, text, sentence):
     (tmp_path / name).write_text(text, encoding="iso-8859-1")
     assert sentence in refused(capfd, tmp_path / name, "--out", tmp_path / "lib.json")
     assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_s_spectra_of_another_range_are_left_out_and_named(tmp_path, capsys):
+    folder = tmp_path / "spectra"
+    folder.mkdir()
+    spectrum(folder / "a.txt", np.linspace(7.5, 14.5, 15), np.linspace(0.8, 0.9, 15))
+    spectrum(folder / "visible.txt", np.array([0.4, 2.5]), np.array([0.9, 0.9]))
+    words = ["library", "import", str(folder), "--out", str(tmp_path / "lib.json")]
+    assert main(words) == 0
+    assert "nothing of 7-15 um in visible.txt: left out" in capsys.readouterr().out
+    assert len(MaterialLibrary.load(tmp_path / "lib.json")) == 1
+    (folder / "a.txt").unlink()
+    assert main(words) == 2
 
 
 @pytest.mark.parametrize(

@@ -285,6 +285,17 @@ def test_what_is_hotter_than_the_prior_reaches_is_unknown_and_leaves_the_rest(si
     assert np.abs(exact.temperature_k[burns] - 1200).max() < 60
 
 
+def test_what_is_no_cube_or_library_is_refused(make_pixels):
+    cube = make_pixels(bands=9, shape=(6, 8)).cube
+    for wrong in ("night.exr", cube.radiance):
+        with pytest.raises(InputError, match="cube must be a HeatCube, as texnet.cube_io.read_cub"):
+            decompose(wrong)
+    with pytest.raises(InputError, match="library must be a MaterialLibrary"):
+        decompose(cube, "lib.json")
+    with pytest.raises(InputError, match="names must be a list"):
+        MaterialLibrary.starter().subset("water")
+
+
 def test_what_is_no_number_is_never_trusted(make_pixels):
     """Noise of a billionth of a kelvin overflows what is divided by it."""
     scene = make_pixels(bands=9, shape=(6, 8))

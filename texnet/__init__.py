@@ -1,7 +1,8 @@
 """texnet: temperature, emissivity and texture from thermal hyperspectral cubes. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
-calibration  gains or offset of the camera, where the scene shows them
+calibration what is wrong with the camera, and how much noise there is, where the scene shows it
+gain_or_offset  a gain or an offset of the camera
 band_gains  gains of its bands among each other
 correction  what a right camera would have shown
 glance      which materials the scene holds, and where, from afar

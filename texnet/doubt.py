@@ -29,6 +29,8 @@ RIM_NATS = 10.0  # evidence for pure sky below which something may stand before 
 # mixes what lies on both sides, which the model does not know (it knows of sky behind a rim); more
 # where the neighbours are of other materials
 SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
+# what a calibration that was found may still be off by, at 300 K, and as a share of bands' gains
+FOUND_K, SHARE = 0.25, 0.7
 ROWS = 256  # at once
 GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
 
@@ -74,6 +76,18 @@ def sigma_among_neighbours(sigma, temperature, material):
         share = SCATTER**2 + edge * SCATTER_OF_MATERIALS**2
         out[top:bottom] = np.sqrt(sigma[top:bottom] ** 2 + share * variance)
     return out
+
+
+def doubt_k(c, cube):
+    """By how much the radiance of a corrected cube may still be off in all pixels together, K at
+    300 K: where bands are wrong among each other by about what was called noise, and by a share of
+    what they were corrected by."""
+    noise = cube.netd_k * (1 - 1 / c.noise)
+    if c.keeps_radiance:
+        return noise
+    w = cube.wavelength_um
+    off = (c.of_bands(cube.bands) - 1) * radiance(w, 300.0) / radiance_derivative(w, 300.0)
+    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + noise**2))
 
 
 def with_calibration_error(sigma, temperature, wavelength_um, error_k):

@@ -28,9 +28,9 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
 
 from . import glance
-from .calibration import calibration, doubt_k
+from .calibration import calibration
 from .correction import RIGHT, corrected
-from .doubt import sigma_among_neighbours, unsure, with_calibration_error
+from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_error
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
