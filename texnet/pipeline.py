@@ -145,27 +145,7 @@ def decompose(
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
     """
-    if not isinstance(cube, HeatCube):
-        raise InputError(
-            f"decompose: cube must be a HeatCube, as texnet.cube_io.read_cube reads one, got "
-            f"{type(cube).__name__}."
-        )
-    if not isinstance(library, MaterialLibrary | None):
-        raise InputError(
-            f"decompose: library must be a MaterialLibrary, as MaterialLibrary.load reads one, got "
-            f"{type(library).__name__}."
-        )
-    if method not in METHODS:
-        raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
-    if not (_whole(k, 1, MAX_K) or isinstance(k, str) and k == "auto"):
-        raise InputError(f"decompose: k must be a whole number 1..{MAX_K} or auto, got {k!r}.")
-    if not _whole(seed, 0, MAX_SEED):
-        raise InputError(f"decompose: seed must be a whole number 0..{MAX_SEED}, got {seed!r}.")
-    error = numbers(calibration_error_k, "decompose: calibration_error_k")
-    if error.ndim or not 0 <= error <= MAX_NETD_K:
-        raise InputError(
-            f"decompose: calibration_error_k must be 0-{MAX_NETD_K:g} K, got {calibration_error_k}."
-        )
+    _check(cube, library, method, k, seed, calibration_error_k)
     library = library or MaterialLibrary.starter()
     seconds, clock = {}, time.perf_counter()
 
@@ -216,18 +196,7 @@ def decompose(
         )
     if nets:
         lap("network")
-    maps["temperature_sigma_k"] = sigma_among_neighbours(
-        maps["temperature_sigma_k"], maps["temperature_k"], maps["material"]
-    )
-    doubt = float(np.hypot(error, doubt_k(shown, cube)))
-    if doubt:
-        maps["temperature_sigma_k"] = with_calibration_error(
-            maps["temperature_sigma_k"], maps["temperature_k"], cube.wavelength_um, doubt
-        )
-    if shown.noise > 1:
-        maps["unknown"] |= unsure(maps, shown.noise, shown.misfit, cube.bands)
-    maps["unknown"] |= untold
-    maps["temperature_sigma_k"][untold] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
+    maps = _doubted(maps, cube, shown, calibration_error_k, untold)
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
         saturated=beyond, dead=dead,
@@ -235,9 +204,49 @@ def decompose(
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg,
         netd_k=cube.netd_k, noise_raised=shown.noise,
-        spectral_shift_um=shift, calibration_error_k=float(error), left_out=left_out,
+        spectral_shift_um=shift, calibration_error_k=float(calibration_error_k), left_out=left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
+
+
+def _doubted(maps, cube, shown, calibration_error_k, untold):
+    """maps by a method, with what edges, the calibration, as stated and as shown, and pixels that
+    tell nothing add to sigma and unknown."""
+    sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
+    sigma = sigma_among_neighbours(sigma, t, maps["material"])
+    doubt = float(np.hypot(calibration_error_k, doubt_k(shown, cube)))
+    if doubt:
+        sigma = with_calibration_error(sigma, t, cube.wavelength_um, doubt)
+    sigma[untold] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
+    unknown = maps["unknown"] | untold
+    if shown.noise > 1:
+        unknown |= unsure(maps, shown.noise, shown.misfit, cube.bands)
+    return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
+
+
+def _check(cube, library, method, k, seed, calibration_error_k):
+    """Raise InputError where an argument of decompose is wrong."""
+    if not isinstance(cube, HeatCube):
+        raise InputError(
+            f"decompose: cube must be a HeatCube, as texnet.cube_io.read_cube reads one, got "
+            f"{type(cube).__name__}."
+        )
+    if not isinstance(library, MaterialLibrary | None):
+        raise InputError(
+            f"decompose: library must be a MaterialLibrary, as MaterialLibrary.load reads one, got "
+            f"{type(library).__name__}."
+        )
+    if method not in METHODS:
+        raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
+    if not (_whole(k, 1, MAX_K) or isinstance(k, str) and k == "auto"):
+        raise InputError(f"decompose: k must be a whole number 1..{MAX_K} or auto, got {k!r}.")
+    if not _whole(seed, 0, MAX_SEED):
+        raise InputError(f"decompose: seed must be a whole number 0..{MAX_SEED}, got {seed!r}.")
+    error = numbers(calibration_error_k, "decompose: calibration_error_k")
+    if error.ndim or not 0 <= error <= MAX_NETD_K:
+        raise InputError(
+            f"decompose: calibration_error_k must be 0-{MAX_NETD_K:g} K, got {calibration_error_k}."
+        )
 
 
 def _by_network(library, model, progress):
