@@ -127,7 +127,7 @@ def measure(network, scenes, steps):
     for i in range(scenes.count):
         cube, truth = scenes.shade(i, *equidistant_bands(BANDS), NETD_K)
         arrays = known_arrays(cube, library, estimate_environment(cube, library, K))
-        known = Known(**{name: torch.from_numpy(a) for name, a in arrays.items()})
+        known = Known.of(arrays)
         start = time.perf_counter()
         tex = TeXModel(network, steps)(known, torch.from_numpy(cube.radiance.copy()))
         seconds += time.perf_counter() - start
@@ -202,7 +202,7 @@ def _seconds_per_scene(library):
 
 
 def run(part, args, library):
-    """Make a part's network, measure it -> rows of the table; keep both in args.out."""
+    """Make a part's network and measure it; keep both in args.out."""
     with progress_bar() as report:
         network, scenes, draws, minutes = _network(part, args, library, report)
         test = ReshadedSet(args.cache, "test", args.test_scenes, library)

@@ -119,7 +119,7 @@ def methods(cube, library):
     run = Runtime(ONNX, threads=THREADS).run
     pixels = cube.shape[0] * cube.shape[1]
     known = known_arrays(cube, library, estimate_environment(cube, library, K))
-    known = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+    known = Known.of(known)
     part = torch.from_numpy(np.ascontiguousarray(cube.radiance[:, :TILE, :TILE]))
     network, expected = shipped_network(), torch.zeros(len(library), TILE**2)
 

@@ -73,6 +73,11 @@ class Known(NamedTuple):
     prior_k: torch.Tensor
     basis: torch.Tensor
 
+    @staticmethod
+    def of(arrays, device="cpu"):
+        """The Known of a dict of arrays, as `known.known_arrays` makes it."""
+        return Known(**{name: torch.from_numpy(a).to(device) for name, a in arrays.items()})
+
 
 class Hypotheses(NamedTuple):
     """What of the evidence does not depend on the pixel. R = 2 materials hypotheses (all

@@ -106,7 +106,7 @@ class World:
         arrays = known_arrays(
             cube or self.cube, library or self.library, environment or self.environment
         )
-        return Known(**{name: torch.from_numpy(a) for name, a in arrays.items()})
+        return Known.of(arrays)
 
     def scaled(self, known, spectra=None):
         """Noise-scaled spectra (P, bands), float64."""

@@ -80,7 +80,7 @@ def expected_of(image, known, step=4):
 
 
 def in_torch(network, image, known, expected=None):
-    known = Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+    known = Known.of(known)
     if expected is not None:
         expected = torch.from_numpy(expected.of_tile(0, 0, *image.shape[1:]))
     answer = TeXModel(network)(known, torch.from_numpy(np.array(image)), expected)

@@ -8,10 +8,11 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from physics.errors import InputError
-from physics.library import MaterialLibrary
+from physics.library import SKY, MaterialLibrary
 
 from .cube_io import read_cube, truth_path
 from .loading import loading
+from .metrics import evaluate, names_lacking, non_sky
 
 DEMO_CUBE = "forest.exr"  # in texnet/data, its truth beside it
 SHIPPED = "texnet.onnx"  # there too
@@ -87,7 +88,7 @@ def decompose(args):
 
 def _of_answer(d, cube):
     """What --json gives of a Decomposition of a HeatCube."""
-    ground = d.temperature_k[np.asarray(d.material_names)[d.material] != "sky"]
+    ground = d.temperature_k[non_sky(d)]
     span = np.percentile(ground, [2, 50, 98]) if ground.size else [math.nan] * 3
     share = np.bincount(d.material.ravel(), minlength=len(d.material_names)) / d.material.size
     materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
@@ -99,9 +100,9 @@ def _of_answer(d, cube):
         "band_gains": d.band_gains, "offset_k": d.offset_k,
         "calibration_error_k": d.calibration_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
-        "materials": materials, "sky_in_library": "sky" in d.material_names,
+        "materials": materials, "sky_in_library": SKY in d.material_names,
         # no object stands for it where there is one alone
-        "sky_in_view": bool(d.sky) or (len(d.environment) == 1 and "sky" in materials),
+        "sky_in_view": bool(d.sky) or (len(d.environment) == 1 and SKY in materials),
         "sky_objects": len(d.sky),
         "unknown": d.unknown.mean(), "saturated": d.saturated.mean(),
         "dead": d.dead.mean(),
@@ -121,7 +122,6 @@ def _truth(cube_path):
 
 def _metrics(d, cube, truth):
     from .baselines import baseline_correlations
-    from .metrics import evaluate, names_lacking
 
     metrics = evaluate(d, truth)
     lacking, whole = names_lacking(d, truth)

@@ -33,7 +33,7 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
 
     def answer(*inputs):
         known, tile, log_expected, inner = inputs
-        there = Known(**{name: torch.from_numpy(a).to(device) for name, a in known.items()})
+        there = Known.of(known, device)
         tile, log_expected = (torch.from_numpy(a).to(device) for a in (tile, log_expected))
         tex = model(there, tile, log_expected, torch.from_numpy(inner))
         return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}

@@ -32,7 +32,7 @@ class Crops(Dataset):
             known = []
             for k in range(OBJECTS[0], most + 1):
                 arrays = known_arrays(cube, library, estimate_environment(cube, library, k))
-                known.append(Known(**{name: torch.from_numpy(a) for name, a in arrays.items()}))
+                known.append(Known.of(arrays))
             # a tensor, which worker processes share
             self.cubes.append((torch.from_numpy(cube.radiance.copy()), known))
 

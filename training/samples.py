@@ -104,7 +104,7 @@ def draw(record, rng, side=None) -> Sample:
 
 
 def _as_tensors(known):
-    return Known(**{name: torch.from_numpy(a) for name, a in known.items()})
+    return Known.of(known)
 
 
 @torch.no_grad()
