@@ -9,7 +9,7 @@ repeated as stands in a row:
 
     local, net+sgd        texnet: the whole of `decompose` but files and pictures; where torch
                           finds a GPU, net+sgd on that, too
-    net                   the network with the evidence it reads, in torch, on one tile
+    net                   the network alone, in torch, on a whole frame
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
                           pixels that are neither sky nor mixed with it; the median
@@ -49,9 +49,7 @@ from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
-from physics.evidence import Known, hypotheses
 from physics.heat_cube import HeatCube
-from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.local import solve_local
 from physics.reduced import reduce_model
@@ -60,14 +58,13 @@ from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands
 from physics.simulator.traced import trace_on_demand
 from physics.whole_file import whole_file
-from texnet.learned import shipped_network, torch_model
-from texnet.network import stem
+from texnet.learned import torch_model
 from texnet.pipeline import decompose
 
 FRAME, BANDS, K, NETD_K, THREADS = (1080, 1920), 54, 4, 0.05, 2
 PIECE = 2  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 30
-PART, TILE = (544, 960), 224
+PART = 544, 960
 REPEATS = 3
 SIMULATED, SPP = (256, 384), 16
 GROWTH = {
@@ -116,20 +113,11 @@ def methods(cube, library):
     """Rows of texnet's methods on the whole frame."""
     from export.runtime import Runtime
 
-    run = Runtime(ONNX, threads=THREADS).run
+    run, net = Runtime(ONNX, threads=THREADS).run, torch_model(refined=False)
     pixels = cube.shape[0] * cube.shape[1]
-    known = known_arrays(cube, library, estimate_environment(cube, library, K))
-    known = Known.of(known)
-    part = torch.from_numpy(np.ascontiguousarray(cube.radiance[:, :TILE, :TILE]))
-    network, expected = shipped_network(), torch.zeros(len(library), TILE**2)
-
-    def net():
-        with torch.no_grad():
-            network(known, stem(known, hypotheses(known), part.flatten(1)), expected, (TILE, TILE))
-
     rows = [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
-        timed("net", TILE**2, net),
+        timed("net", pixels, lambda: decompose(cube, library, method="net", k=K, model=net)),
         timed("local", pixels, lambda: decompose(cube, library, method="local", k=K)),
     ]
     if torch.cuda.is_available():

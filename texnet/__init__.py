@@ -1,4 +1,11 @@
-"""texnet: temperature, emissivity and texture from thermal hyperspectral cubes. The map:
+"""texnet: temperature, emissivity and texture from thermal hyperspectral cubes.
+
+    >>> import texnet
+    >>> from texnet.cube_io import read_cube
+    >>> answer = texnet.decompose(read_cube("night.exr"))
+    >>> answer.temperature_k, answer.temperature_sigma_k, answer.material, answer.unknown
+
+What to give `decompose`, and what else an answer holds, their docstrings say. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
 calibration what is wrong with the camera, and how much noise there is, where the scene shows it
