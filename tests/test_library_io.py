@@ -270,13 +270,67 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
         ("a.txt", "8 0.9\n9 0.8\n", "no 'key: value' lines"),
         ("a.txt", "Name: a\n\n8 0.9\n9 0.8\n", "no line 'X Units:'"),
         ("a.mat", "", "no .mat file of version 5 to 7"),
-        ("a.xlsx", "", "use .mat, .csv, .txt, or a folder of .txt"),
+        ("a.xlsx", "", "use .mat, .csv, .hdr or .sli of ENVI, .txt"),
     ],
 )
 def test_wrong_texts(tmp_path, capfd, name, text, sentence):
     (tmp_path / name).write_text(text, encoding="iso-8859-1")
     assert sentence in refused(capfd, tmp_path / name, "--out", tmp_path / "lib.json")
     assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def envi(path, values, w, title="Emissivity", **changes):
+    """An ENVI spectral library of values (spectra, bands); a field that is None is left out."""
+    fields = {
+        "samples": len(w), "lines": len(values), "bands": 1, "header offset": 0, "data type": 4,
+        "interleave": "bsq", "byte order": 0, "file type": "ENVI Spectral Library",
+        "wavelength units": "Micrometers", "wavelength": f"{{{', '.join(map(repr, w.tolist()))}}}",
+        "spectra names": "{Sky, Water,\n Old Brick}", "y axis title": title,
+    } | {key.replace("_", " "): value for key, value in changes.items()}  # fmt: skip
+    lines = [f"{key} = {value}" for key, value in fields.items() if value is not None]
+    path.with_suffix(".hdr").write_text("\n".join(["ENVI", *lines]) + "\n")
+    path.with_suffix(".sli").write_bytes(values.astype("<f4").tobytes())
+    return path
+
+
+def test_envi_spectral_libraries(tmp_path):
+    w = 1e4 / NU
+    for values, title, factor in ((E, "Emissivity", None), (1e4 * (1 - E), "Reflectance", 1e4)):
+        path = envi(tmp_path / "a.sli", values, w, title, reflectance_scale_factor=factor)
+        for name in (path, path.with_suffix(".hdr")):
+            library, note = import_library(name)
+            check_same(library, atol=1e-6)
+            assert title.lower() in note
+    beyond = np.append(w, [16.0, 0.5])
+    deleted = np.pad(E, ((0, 0), (0, 2)))
+    deleted[1, 3] = -1.23e34  # as USGS marks what was not measured
+    deleted[2, -1] = -1.23e34  # where nobody looks
+    library, note = import_library(envi(tmp_path / "a.sli", deleted, beyond))
+    check_same(library, ["sky", "old_brick"], E[[0, 2]], atol=1e-6)
+    assert "left out, being beyond 0..1 there: Water" in note
+
+
+@pytest.mark.parametrize(
+    "changes, sentence",
+    [
+        (dict(y_axis_title=None), "does not say whether it holds emissivity or reflectance"),
+        (dict(y_axis_title="Value"), "write y axis title = Emissivity, or Reflectance"),
+        (dict(spectra_names="{a, b}"), "2 spectra names for 3 spectra"),
+        (dict(spectra_names=None), "spectra names is missing"),
+        (dict(wavelength=None), "it must have wavelength"),
+        (dict(wavelength_units="Unknown"), "wavelength units: Micrometers"),
+        (dict(wavelength_units="Nanometers"), "no two bands in 7-15 um"),
+        (dict(file_type="ENVI Standard"), "must be ENVI Spectral Library"),
+        (dict(lines=4), "is cut off"),
+        (dict(reflectance_scale_factor=0.001), "no spectrum of a.sli is within 0..1"),
+    ],
+)
+def test_wrong_envi_libraries(tmp_path, capfd, changes, sentence):
+    path = envi(tmp_path / "a.sli", E, 1e4 / NU, **changes)
+    said = refused(capfd, path, "--out", tmp_path / "lib.json")
+    assert sentence in said and "library: " in said
+    path.with_suffix(".hdr").unlink()
+    assert "no header, a.hdr" in refused(capfd, path, "--out", tmp_path / "lib.json")
 
 
 def test_a_folder_s_spectra_of_another_range_are_left_out_and_named(tmp_path, capsys):

@@ -24,7 +24,7 @@ weights     weights on disk
 band_file   filters on disk, as `texnet bands` designs them
 cube_io     heat cubes on disk (.exr, .npz)
 cube_import cubes of others (ENVI, HADAR, TeX-1500, .npy); envi reads ENVI, raw_cube converts
-library_io  libraries of others (HADAR .mat, ECOSTRESS, CSV); mat_file reads .mat
+library_io  libraries of others (HADAR .mat, ECOSTRESS, ENVI, CSV); mat_file reads .mat
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
 figures     every map with its truth; TeX vision beside today's pictures

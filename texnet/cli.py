@@ -290,7 +290,7 @@ def _parser():
     p = add(actions, "import", commands.library_import, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
-        help="HADAR .mat, ECOSTRESS .txt or a folder of them, .csv",
+        help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv",
     )  # fmt: skip
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(

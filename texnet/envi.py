@@ -1,4 +1,4 @@
-"""ENVI cubes: a text header beside a binary.
+"""ENVI cubes and spectral libraries: a text header beside a binary.
 
 The header's first line is ENVI, then come lines `key = value`; a value in braces is a list, which
 may run over lines; lines that start with ; are comments. The binary is bare numbers after a number
@@ -9,11 +9,14 @@ ignore value, data gain values, data offset values, reflectance scale factor (a 
 The format has no word for the radiance's unit, but some write one, as data units or units: it is
 taken if it is a name in `raw_cube.UNITS`. The header's sizes are held against the binary's
 before anything is read.
+
+A spectral library has a line a spectrum and a sample a band, spectra names, and y axis title.
 """
 
 import math
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,7 +38,8 @@ AXES = {
         "wavenumber (cm^-1)",
     ),
 }
-BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc")  # suffixes
+BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc", ".sli")  # suffixes
+CUBES, LIBRARIES = ("envi", "envi standard"), ("envi spectral library",)  # types of files
 ABSENT = ("file compression", "major frame offsets", "minor frame offsets")  # or zero
 MOST_HEADER = 1 << 24  # bytes
 
@@ -47,15 +51,14 @@ def read_envi(path):
     """
     path = Path(path)
     is_header = path.suffix.lower() == ".hdr"
-    header = _Header(path if is_header else header_of(path))
-    binary = _binary_of(path) if is_header else path
+    header = _Header(path if is_header else header_of(path), "cube")
+    binary = _binary_of(path, "cube") if is_header else path
     bands = header.whole("bands", least=1)
-    dtype, interleave, numbers, unread = _numbers(header, binary, bands)
+    dtype, interleave, numbers, unread = _numbers(header, binary, CUBES)
     words = [f"{unread} bytes after the last pixel left unread"] if unread else []
     gain, offset, scaled = _scale(header, bands)
     centre, fwhm = header.numbers("wavelength", bands), header.numbers("fwhm", bands)
-    said = header.word("wavelength units", "")
-    axis, hint = next((a for a, names in AXES.items() if said.lower() in names), None), ""
+    said, axis, hint = header.word("wavelength units", ""), header.axis(), ""
     if axis is None and centre is not None:
         said = f"are {said[:60]!r}" if said else "are missing"
         hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
@@ -72,6 +75,49 @@ def read_envi(path):
     )  # fmt: skip
 
 
+class Spectra(NamedTuple):
+    """What a spectral library holds and says.
+
+    names     of the spectra;  values  (spectra, bands) float64
+    centre    (bands,) in axis: "um", "nm" or "cm-1"
+    quantity  y axis title
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    centre: np.ndarray
+    axis: str
+    quantity: str
+
+
+def read_spectra(path):
+    """The Spectra of an ENVI spectral library, given its header or its binary.
+
+    Raises InputError if one of the two is missing, they do not fit each other, or they do not say
+    at which wavelengths the spectra are.
+    """
+    path = Path(path)
+    is_header = path.suffix.lower() == ".hdr"
+    beside = path if is_header else header_of(path)
+    if beside is None:
+        raise InputError(f"library: there is no header, {path.stem}.hdr, beside {path}.")
+    header = _Header(beside, "library")
+    binary = _binary_of(path, "library") if is_header else path
+    _, _, numbers, _ = _numbers(header, binary, LIBRARIES)
+    gain, offset, _ = _scale(header, 1)
+    values = gain * numbers()[0].astype(np.float64) + offset
+    names = header.word("spectra names").strip("{} ").split(",")
+    centre, axis = header.numbers("wavelength", values.shape[1]), header.axis()
+    if len(names) != len(values):
+        raise header.error(f"there are {len(names)} spectra names for {len(values)} spectra")
+    if centre is None or axis is None:
+        raise header.error(
+            "it must have wavelength, and wavelength units: Micrometers, Nanometers or Wavenumber"
+        )
+    names = tuple(name.strip() for name in names)
+    return Spectra(names, values, centre, axis, header.word("y axis title", ""))
+
+
 def header_of(path):
     """The ENVI header beside a binary, NAME.dat.hdr or NAME.hdr; None if there is none."""
     beside = _beside(path)
@@ -79,7 +125,7 @@ def header_of(path):
     return next((beside[n.lower()] for n in names if n.lower() in beside), None)
 
 
-def _binary_of(header):
+def _binary_of(header, of):
     beside = _beside(header)
     names = [f"{header.stem}{suffix}".lower() for suffix in BINARY]
     found = [beside[name] for name in names if name in beside]
@@ -87,9 +133,9 @@ def _binary_of(header):
         return found[0]
     if found:
         names = " and ".join(p.name for p in found)
-        raise InputError(f"cube: {header} may belong to {names}; give the name of its binary.")
+        raise InputError(f"{of}: {header} may belong to {names}; give the name of its binary.")
     raise InputError(
-        f"cube: there is no {header.stem} or {header.stem}.dat beside {header}; if its binary is "
+        f"{of}: there is no {header.stem} or {header.stem}.dat beside {header}; if its binary is "
         "called otherwise, give that one's name."
     )
 
@@ -98,9 +144,9 @@ def _beside(path):
     return {p.name.lower(): p for p in path.parent.iterdir() if p.is_file()}
 
 
-def _numbers(header, binary, bands):
+def _numbers(header, binary, kinds):
     """(dtype, interleave, numbers as in RawCube, bytes that they leave unread)."""
-    shape = bands, header.whole("lines", least=1), header.whole("samples", least=1)
+    shape = tuple(header.whole(size, least=1) for size in ("bands", "lines", "samples"))
     skip, kind = header.whole("header offset", 0), header.whole("data type")
     interleave = header.word("interleave").lower()
     if kind not in DTYPES:
@@ -110,8 +156,9 @@ def _numbers(header, binary, bands):
     if interleave not in ORDERS:
         raise header.error(f"interleave must be bsq, bil or bip, not {interleave[:60]!r}")
     file_type = header.word("file type", "ENVI")
-    if file_type.lower() not in ("envi", "envi standard"):
-        raise header.error(f"file type must be ENVI Standard, not {file_type[:60]!r}")
+    if file_type.lower() not in kinds:
+        wanted = "ENVI Standard" if kinds is CUBES else "ENVI Spectral Library"
+        raise header.error(f"file type must be {wanted}, not {file_type[:60]!r}")
     for key in ABSENT:
         if np.any(header.numbers(key)):
             raise header.error(f"{key} is not known here; save the cube without")
@@ -123,7 +170,7 @@ def _numbers(header, binary, bands):
     size, need = binary.stat().st_size, skip + math.prod(shape) * dtype.itemsize
     if size < need:
         raise InputError(
-            f"cube: {binary} has {size} bytes where its header asks for {skip} + "
+            f"{header.of}: {binary} has {size} bytes where its header asks for {skip} + "
             f"{' x '.join(map(str, shape))} x {dtype.itemsize}; it is cut off, or the header is of "
             "another file."
         )
@@ -157,8 +204,8 @@ def _scale(header, bands):
 class _Header:
     """The fields of a header, each checked as it is asked for."""
 
-    def __init__(self, path):
-        self.path = path
+    def __init__(self, path, of):
+        self.path, self.of = path, of
         with open(path, "rb") as file:
             raw = file.read(MOST_HEADER + 1)
         lines = iter(raw.decode("utf-8-sig", "replace").splitlines())
@@ -179,7 +226,7 @@ class _Header:
             self.fields[" ".join(key.lower().split())] = " ".join(parts)
 
     def error(self, text):
-        return InputError(f"cube: {self.path}: {text}.")
+        return InputError(f"{self.of}: {self.path}: {text}.")
 
     def word(self, key, default=None):
         """The text of a field; without default it must be there."""
@@ -187,6 +234,11 @@ class _Header:
         if text is None:
             raise self.error(f"the field {key} is missing")
         return text
+
+    def axis(self):
+        """Of its wavelengths: "um", "nm" or "cm-1"; None if it is not said."""
+        said = self.word("wavelength units", "").lower()
+        return next((axis for axis, names in AXES.items() if said in names), None)
 
     def whole(self, key, default=None, least=0):
         """A whole number."""

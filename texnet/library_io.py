@@ -9,6 +9,10 @@ ISO-8859-1, then rows of micrometres and reflectance R. For an opaque sample and
 reflectance, and for no other, Kirchhoff's law gives e = 1 - R. The folder's files meet on the
 finest of their grids, between 7 and 15 um.
 
+ENVI spectral libraries, a `.hdr` beside a binary (`.sli`): see `envi`. Their y axis title says
+whether they hold emissivity or hemispherical reflectance; what no spectrum has within 7 to 15 um
+is left out.
+
 `.csv`: header `wavelength_um,name1,name2,...` or `wavenumber_cm1,...`, one row per wavelength,
 emissivity 0..1.
 """
@@ -23,6 +27,7 @@ import numpy as np
 from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
 
+from .envi import read_spectra
 from .mat_file import read_mat
 
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
@@ -36,7 +41,7 @@ KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
 
 
 def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=False):
-    """Read the library at path (.mat, .csv, .txt, or a folder of .txt; see the module).
+    """Read the library at path (.mat, .csv, .hdr, .sli, .txt, or a folder of .txt; see the module).
 
     wavenumbers_cm1  .mat only: of the first and of the last band, cm-1, equidistant
     names            .mat only: one per material, instead of the file's `matName`
@@ -51,10 +56,10 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     if not path.exists():
         raise InputError(f"library: there is no file {path}.")
     kind = ".txt" if path.is_dir() else path.suffix.lower()
-    if kind not in (".mat", ".csv", ".txt"):
+    if kind not in READERS:
         raise InputError(
-            f"library: {path.name} is no library file that is known here; use .mat, .csv, .txt, "
-            "or a folder of .txt."
+            f"library: {path.name} is no library file that is known here; use .mat, .csv, .hdr or "
+            ".sli of ENVI, .txt, or a folder of .txt."
         )
     if kind != ".mat" and (wavenumbers_cm1 is not None or names is not None):
         raise InputError(
@@ -65,7 +70,7 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
         if kind == ".mat":
             names, w, e, sources, words = _read_mat(path, wavenumbers_cm1, names)
         else:
-            names, w, e, sources, words = (_read_csv if kind == ".csv" else _read_texts)(path)
+            names, w, e, sources, words = READERS[kind](path)
     except OSError as error:
         raise InputError(f"library: cannot read {path}: {error.strerror or error}.") from error
     names, words_on_sky = _named_sky(names, sky)
@@ -222,6 +227,48 @@ def _read_csv(path):
         f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",
     ]
     return names, w, e, [f"From {path.name}."] * len(names), words
+
+
+# --- ENVI --------------------------------------------------------------------------------
+
+
+def _read_envi(path):
+    spectra = read_spectra(path)
+    said = spectra.quantity.lower()
+    if ("emiss" in said) == ("reflect" in said):
+        raise InputError(
+            f"library: {path.name} does not say whether it holds emissivity or reflectance; write "
+            "y axis title = Emissivity, or Reflectance if it is hemispherical, into its header."
+        )
+    um = {"um": lambda x: x, "nm": lambda x: x / 1e3, "cm-1": _from_wavenumber}[spectra.axis]
+    w, values, order = _ascending(um(spectra.centre), spectra.values)
+    low, high = TEXT_RANGE_UM
+    inside = (w >= low) & (w <= high)
+    if np.count_nonzero(inside) < 2:
+        raise InputError(
+            f"library: {path.name} covers {w[0]:.4g}-{w[-1]:.4g} um, with no two bands in "
+            f"{low:g}-{high:g} um; take another."
+        )
+    w, values = w[inside], values[:, inside]
+    _check_gaps(w, path.name, "take another")
+    good = (np.abs(values) <= 1 + CLIP).all(axis=1)  # else bands were deleted, by a huge number
+    if not good.any():
+        raise InputError(
+            f"library: no spectrum of {path.name} is within 0..1 from {w[0]:.4g} to {w[-1]:.4g} "
+            "um; its reflectance scale factor may be missing."
+        )
+    e = values if "emiss" in said else 1 - values
+    words = [
+        f"ENVI spectral library of {spectra.quantity.lower()}"
+        + ("" if "emiss" in said else ", emissivity as 1 - hemispherical reflectance"),
+        f"{w.size} bands, {w[0]:.4g}-{w[-1]:.4g} um{order}",
+    ]
+    left = [name for name, there in zip(spectra.names, good, strict=True) if not there]
+    if left:
+        words.append(f"left out, being beyond 0..1 there: {', '.join(left)}")
+    names = [name for name, there in zip(spectra.names, good, strict=True) if there]
+    sources = [f"{name}, from {path.name}." for name in names]
+    return _unique(names), w, e[good], sources, words
 
 
 # --- ECOSTRESS / ASTER text --------------------------------------------------------------
@@ -427,3 +474,9 @@ def _within_0_and_1(e, names):
     n = np.count_nonzero(excess > 0)
     words = [f"{n} values up to {worst.max():.2g} outside 0..1 clipped"] if n else []
     return np.clip(e, 0, 1), words
+
+
+READERS = {
+    ".mat": _read_mat, ".csv": _read_csv, ".txt": _read_texts, ".hdr": _read_envi,
+    ".sli": _read_envi,
+}  # fmt: skip
