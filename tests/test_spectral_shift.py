@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from traced import averaged, one_thread, traced  # noqa: F401
 
@@ -95,8 +95,7 @@ def test_no_material_passes_for_a_shifted_sky(m, air_k, warmer, cos_zenith, roof
     w, fwhm = BANDS
     nodes = quadrature(w, fwhm)
     e = LIBRARY.at(nodes.ravel())[m].reshape(nodes.shape).mean(axis=1)
-    if m == LIBRARY.sky_index:
-        return
+    assume(m != LIBRARY.sky_index)
     light = radiance(w, air_k + roof)
     if cos_zenith is not None:
         light = sky(Atmosphere(air_k), cos_zenith, w, fwhm)

@@ -90,11 +90,12 @@ def test_draws_differ_by_their_noise_alone(library):
     assert off.std() == pytest.approx(np.sqrt(2), rel=0.02)
 
 
-def test_amplification_of_the_exact_solver_is_about_one(library):
-    """On the k-object model's own terms T moves with the noise as the bound says."""
+def test_amplification_of_the_exact_solver_is_near_one(library):
+    """By half more than the bound: the solver allows for what k objects leave out, noise does too.
+    On the model's own pixels it meets the bound, see test_local."""
     cases = [case("noise", 0.05, library, View("patterned", 7, draw=i)) for i in (0, 1)]
     a, b = (decompose(c.cube, library, method="local") for c in cases)
-    assert 0.5 < amplification(cases[0], a, b) < 2
+    assert 1 < amplification(cases[0], a, b) < 2
 
 
 def test_what_is_said_of_a_missing_material(library, monkeypatch):
