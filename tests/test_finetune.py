@@ -12,6 +12,7 @@ import pytest
 import torch
 from conftest import hear_ctrl_c
 from traced import one_thread  # noqa: F401
+from traced import traced as traced_cube
 
 import training.crops as crops
 import training.finetune as module
@@ -25,11 +26,12 @@ from physics.library import SKY
 from physics.simulator.traced import TracedScene
 from texnet.cli import _parser, main
 from texnet.cube_io import write_cube
+from texnet.learned import shipped_network
 from texnet.library_io import with_sky
 from texnet.network import TeXNet
 from texnet.weights import load_network, save_network
 from training.crops import Crops
-from training.finetune import finetune
+from training.finetune import calibrated, finetune
 from training.reshade import ReshadedSet
 from training.samples import draw
 from training.scenes import SceneSet, Settings
@@ -260,6 +262,14 @@ def test_crops_are_small_and_know_the_whole_cube(cube):
         Crops([cube], narrow, 0, 96)
     pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
     assert len(Crops([pixel], NEW, 0, 96).cubes[0][1]) == 1  # one object at most
+
+
+def test_a_camera_s_gain_is_not_learned():
+    seen = traced_cube("forest", 54)[0]
+    bright = HeatCube(1.03 * seen.radiance, seen.wavelength_um, seen.fwhm_um, seen.netd_k)
+    right, taken = (calibrated(c, STARTER, shipped_network()) for c in (seen, bright))
+    np.testing.assert_array_equal(right.radiance, seen.radiance)
+    assert np.median(taken.radiance / seen.radiance) == pytest.approx(1, abs=0.005)
 
 
 # --- the command line --------------------------------------------------------------------

@@ -3,7 +3,7 @@
 With scenes   the training scenes' light paths are shaded again with the new curves (`reshade`)
               and trained on as in `train`, for a few epochs at a lower learning rate.
 With cubes    the physics loss alone is trained on somebody's own cubes, of which no truth is
-              known (`crops`).
+              known (`crops`), without what the network so far finds wrong with the camera.
 
 Zero-shot is neither: the network takes any library as it is.
 """
@@ -17,9 +17,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from physics.prepared import prepared
 from physics.provenance import fingerprint
-from texnet.learned import check_device
+from texnet.correction import Calibration, corrected
+from texnet.learned import check_device, torch_model
 from texnet.library_io import with_sky
+from texnet.pipeline import decompose
 
 from .crops import Crops
 from .reshade import ReshadedSet
@@ -58,7 +61,8 @@ def finetune(
     start = time.perf_counter()
     if cubes:
         terms, rate = "physics", PHYSICS_LEARNING_RATE
-        draws = Crops(cubes, with_sky(library), seed, SIDE)
+        whole = with_sky(library)
+        draws = Crops([calibrated(cube, whole, network) for cube in cubes], whole, seed, SIDE)
         held_out = copy.copy(draws)
         held_out.seed = VALIDATION_SEED
         data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
@@ -92,6 +96,14 @@ def finetune(
         "minutes": {"scenes": round(seconds / 60, 2), "training": round(module.seconds / 60, 2)},
     }  # fmt: skip
     return network.cpu().eval(), history
+
+
+def calibrated(cube, library, network):
+    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet."""
+    d = decompose(cube, library, model=torch_model(network=network))
+    bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
+    shown = Calibration(d.gain, d.offset_k, d.noise_raised, bands=bands)
+    return corrected(prepared(cube, library).cube, shown)
 
 
 def _measure(module, draws):
