@@ -13,10 +13,10 @@ import texnet.pipeline
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import quadrature
 from physics.eq1 import render
-from physics.planck import radiance
+from physics.planck import noise_sigma, radiance
 from texnet.baselines import clahe, panchromatic, principal_components
 from texnet.metrics import texture_scores
-from texnet.pipeline import METHODS, decompose
+from texnet.pipeline import LEAST_NETD_K, METHODS, decompose
 from texnet.progress import COMPILING, compiling
 
 LIBRARY = MaterialLibrary.starter()
@@ -67,7 +67,7 @@ def check_fields(d, cube, k):
 def test_every_field(method):
     d, cube = answer(method)
     check_fields(d, cube, 5)
-    assert d.netd_k == cube.netd_k
+    assert d.netd_k == max(cube.netd_k, LEAST_NETD_K)
     assert all(s >= 0 for s in d.seconds.values()) and d.seconds
     assert (d.objective != ()) == (method == "sgd")
     if d.objective:
@@ -78,7 +78,7 @@ def test_every_field(method):
 def test_every_number_of_objects(k):
     d, cube = answer("sgd", k, 9)
     check_fields(d, cube, k)
-    assert d.netd_k == cube.netd_k
+    assert d.netd_k == max(cube.netd_k, LEAST_NETD_K)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -86,7 +86,7 @@ def test_every_number_of_objects(k):
 def test_every_number_of_bands(method, bands):
     d, cube = answer(method, 5, bands)
     check_fields(d, cube, 5)
-    assert d.netd_k == cube.netd_k
+    assert d.netd_k == max(cube.netd_k, LEAST_NETD_K)
 
 
 def test_doubt_grows_as_bands_get_fewer():
@@ -115,7 +115,7 @@ def test_the_answer_rendered_by_eq1_is_the_measurement(method, bands):
     t, e = d.temperature_k[ground].astype(float), curves[d.material[ground]]
     s = (e * radiance(nodes, t[:, None, None])).mean(axis=-1)
     s += (1 - e.mean(axis=-1)) * d.texture[:, ground].T
-    r = (cube.radiance[:, ground].T - s) / cube.sigma
+    r = (cube.radiance[:, ground].T - s) / noise_sigma(cube.wavelength_um, d.netd_k)
     rms = np.sqrt((r**2).mean(axis=1))
     assert np.median(np.abs(rms - d.residual[ground])) < 0.02
     assert np.median(rms) < 1.5
@@ -296,11 +296,18 @@ def test_what_is_no_cube_or_library_is_refused(make_pixels):
         MaterialLibrary.starter().subset("water")
 
 
-def test_what_is_no_number_is_never_trusted(make_pixels):
-    """Noise of a billionth of a kelvin overflows what is divided by it."""
+@pytest.mark.parametrize("method", METHODS)
+def test_less_noise_than_k_objects_leave_out_changes_nothing(make_pixels, method):
+    """Not even a billionth of a kelvin, which would overflow what is divided by it."""
     scene = make_pixels(bands=9, shape=(6, 8))
-    cube = HeatCube(scene.cube.radiance, scene.wavelength, netd_k=1e-9)
-    for method in METHODS:
-        d = decompose(cube, scene.library, k=3, environment=scene.environment, method=method)
-        number = np.isfinite(d.temperature_k)
-        assert d.unknown[~number].all() and number.all() == (method in ("local", "sgd")), method
+    of = {
+        netd_k: decompose(
+            HeatCube(scene.cube.radiance, scene.wavelength, netd_k=netd_k), scene.library, k=3,
+            environment=scene.environment, method=method,
+        )
+        for netd_k in (1e-9, 0.01, 0.02)
+    }  # fmt: skip
+    for netd_k, d in of.items():
+        np.testing.assert_array_equal(d.temperature_k, of[0.02].temperature_k)
+        assert np.isfinite(d.temperature_k).all() and d.netd_k >= 0.02
+        assert d.noise_raised == pytest.approx(d.netd_k / netd_k)
