@@ -233,7 +233,7 @@ def _parser():
         return p
 
     # the defaults of training.train and training.finetune, which are slow to import
-    text = "train a network on simulated scenes; an hour or two"
+    text = "train a network on simulated scenes; about an hour"
     add_training("train", commands.train, text, 1600, 60, 320)
     text = "adapt a network to a library; minutes"
     p = add_training("finetune", commands.finetune, text, 48, 3, 160)
