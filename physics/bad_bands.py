@@ -10,6 +10,7 @@ quartz, too; the median of what is left is noise. Bad is a band that is
             usual noise (the bands' median) and by less than STUCK_SHARE of what the live
             bands on both sides do
     noisy   NOISY times as noisy as usual
+    dark    without radiance in more than a few pixels (`dead_pixels`)
 
 With fewer than LEAST_BANDS bands, or few pixels, only what is the same everywhere is certain. With
 MANY_BANDS or more, and a usual noise MORE times the NETD that is stated (as in a striped cube), it
@@ -24,8 +25,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .dead_pixels import lit
-from .heat_cube import MAX_NETD_K, sampling_step
+from .dead_pixels import MOST, lit
+from .heat_cube import LEAST_NETD_K, MAX_NETD_K, sampling_step
 from .planck import noise_sigma
 
 SAMPLES = 6000  # pixels
@@ -33,8 +34,8 @@ CALM = 0.25
 NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.3
 OUTERMOST = 0.005  # of the pixels at either end
 LEAST_BANDS, MANY_BANDS = 8, 30
+NO_RADIANCE = f"no radiance in more than {MOST:.0%} of the pixels"
 LEAST_K = 1e-3  # keeps spectra without noise from being singular
-FINEST_K = 0.02  # no sensor is better; where a simulated cube is, what is left is not noise
 
 
 def without_bad_bands(cube):
@@ -50,7 +51,7 @@ def without_bad_bands(cube):
     noise = _own_noise(differences[:, good])
     if noise is not None and cube.bands >= MANY_BANDS and cube.netd_k:
         usual = float(np.median(noise))
-        if usual > MORE * max(cube.netd_k, FINEST_K):
+        if usual > MORE * max(cube.netd_k, LEAST_NETD_K):
             cube = replace(cube, netd_k=min(usual, MAX_NETD_K))
     return cube, {float(w[b]): bad[b] for b in sorted(bad)}
 
@@ -73,13 +74,13 @@ def _bad(wavelength_um, spectra, differences, good):
     same = ~varies & (varies.any() | (s[0] == 0))
     if same.any():
         return {
-            good[i]: "the same everywhere" if s[0, i] else "no radiance"
+            good[i]: "the same everywhere" if s[0, i] else NO_RADIANCE
             for i in np.flatnonzero(same)
         }
     noise = _own_noise(d)
     if noise is None:
         return {}
-    usual = max(np.median(noise), FINEST_K)
+    usual = max(np.median(noise), LEAST_NETD_K)
     # a few pixels that flare up in one band say nothing of it
     spread = np.clip(s, *np.quantile(s, [OUTERMOST, 1 - OUTERMOST], axis=0)).std(axis=0)
     live = spread > STUCK_NOISE * usual

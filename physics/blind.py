@@ -68,13 +68,12 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     Raises InputError where the cube has fewer than 20 bands, no sky, or too little beside it.
     """
     starter = MaterialLibrary.starter().subset([SKY])
-    cube, left_out, shift, _ = prepared(cube, starter)
+    cube, left_out, shift, _, own_k = prepared(cube, starter)
     if cube.bands < MIN_BANDS:
         raise InputError(
             f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
             f"of {MIN_BANDS} or more, or a library from elsewhere."
         )
-    own_k = cube.netd_k
     netd_k = max(own_k, MIN_NETD_K)
     cube = replace(cube, netd_k=netd_k)
     pixels = cube.shape[0] * cube.shape[1]

@@ -21,13 +21,13 @@ def lit(radiance):
 
 
 def dead_pixels(radiance, wavelength_um):
-    """(height, width) bool, the dead pixels of radiance (bands, height, width), W m-2 sr-1 um-1;
-    and (bands,) the share of pixels that are so in each band, of which those above MOST are dead.
+    """Of radiance (bands, height, width), W m-2 sr-1 um-1: (height, width) bool, the dead pixels;
+    (bands,) bool, the dead bands; and whether any of these holds numbers that look like radiance.
 
     Raises InputError where more than half of the bands are dead, or more than MOST of the pixels.
     """
     dead, share = np.zeros(radiance.shape[1:], bool), np.zeros(len(radiance))
-    first = [(0, 0)] * len(radiance)
+    first, misleads = [(0, 0)] * len(radiance), False
     for b, limit in enumerate(planck(wavelength_um, MAX_K)):
         bad = ~((radiance[b] > 0) & (radiance[b] <= limit))  # so of a NaN
         share[b] = bad.mean()
@@ -35,6 +35,8 @@ def dead_pixels(radiance, wavelength_um):
             first[b] = tuple(np.argwhere(bad)[0])
         if share[b] <= MOST:
             dead |= bad
+        else:
+            misleads |= lit(radiance[b]).any()
         scratch.release(radiance)
     half = float(np.quantile(share, 0.5, method="lower"))
     if max(half, dead.mean()) > MOST:
@@ -46,30 +48,45 @@ def dead_pixels(radiance, wavelength_um):
             f"{row}, column {column} ({radiance[b, row, column]:.4g}), and at most {MOST:.0%} may "
             "be; cut edges off, leave bands out, or check the calibration."
         )
-    return dead, share
+    return dead, share > MOST, misleads
 
 
-def of_neighbours(radiance, dead, share):
-    """A copy of radiance (bands, height, width), read-only, whose dead pixels (height, width) hold
-    the spectrum of the nearest that is not dead, and whose dead bands hold NaN, by their share."""
-    from scipy.ndimage import distance_transform_edt  # few cubes need it
+def filled(radiance, dead, dark):
+    """radiance (bands, height, width) whose dead pixels (height, width) hold the spectrum of the
+    nearest that is not dead, and whose dark bands (bands,) hold NaN; itself if it is so already,
+    else a read-only copy."""
+    row, column = _nearest(dead)
 
-    nearest = distance_transform_edt(dead, return_distances=False, return_indices=True)
-    row, column = nearest[:, dead]
-    del nearest
-    return _filled(radiance, dead, lambda band: band[row, column], share > MOST)
+    def right(band, blank):
+        return not lit(band).any() if blank else np.array_equal(band[dead], band[row, column])
+
+    if all(right(*of) for of in zip(scratch.parts(radiance), dark, strict=True)):
+        return radiance
+    return _copy(radiance, dead, lambda band: band[row, column], dark)
 
 
 def without_dead(radiance, dead):
-    """Such a copy, whose dead pixels are NaN."""
-    return _filled(radiance, dead, lambda band: np.nan, np.zeros(len(radiance), bool))
+    """A copy of radiance, read-only, whose dead pixels are NaN."""
+    return _copy(radiance, dead, lambda band: np.nan, np.zeros(len(radiance), bool))
 
 
-def _filled(radiance, dead, by, blank):
-    filled = scratch.empty(radiance.shape, np.float32)
-    for to, band, dark in zip(filled, scratch.parts(radiance), blank, strict=True):
-        to[:] = np.nan if dark else band
-        to[dead] = np.nan if dark else by(band)
-        scratch.release(filled)
-    filled.setflags(write=False)
-    return filled
+def _nearest(dead):
+    """Rows and columns of the sound pixels nearest to the dead ones, in their order."""
+    from scipy.ndimage import binary_dilation  # few cubes need it
+    from scipy.spatial import KDTree
+
+    # one step from the nearest towards the dead pixel, all is dead: it touches one
+    edge = np.argwhere(binary_dilation(dead, np.ones((3, 3))) & ~dead)
+    return edge[KDTree(edge).query(np.argwhere(dead))[1]].T
+
+
+def _copy(radiance, dead, by, dark):
+    copy = scratch.empty(radiance.shape, np.float32)
+    for to, band, blank in zip(copy, scratch.parts(radiance), dark, strict=True):
+        to[:] = band
+        to[dead] = by(band)
+        if blank:
+            to[:] = np.nan
+        scratch.release(copy)
+    copy.setflags(write=False)
+    return copy

@@ -249,6 +249,10 @@ class _Model:
         end = self.high - width / 2 - STEP_UM / 2
         places = np.arange(self.low + width / 2, end, STEP_UM)
         places = [p for p in places.tolist() if not np.isclose(p, others, 0, STEP_UM / 2).any()]
+        if not places:
+            raise InputError(
+                f"bands: {self.low:g}-{self.high:g} um hold {len(others)} filters and no more."
+            )
         losses = [sum(_losses(self._with(belief, p, width))) for p in places]
         best = int(np.argmin(losses))
         return places[best], losses[best]

@@ -17,11 +17,12 @@ MANY = 20  # values of theirs, fewer of which are no sensor's
 
 
 def saturated(cube):
-    """(height, width) bool, where any band of a HeatCube is at its ceiling."""
+    """(height, width) bool, where any band of a HeatCube is at its ceiling; dead pixels are not."""
     pixels = np.zeros(cube.shape, bool)
     for band in scratch.parts(cube.radiance):
-        top = band == band.max()
-        if np.count_nonzero(top) >= LEAST and _is_pile(band[~top], np.count_nonzero(top)):
+        top = ~cube.dead & (band == band[~cube.dead].max())
+        others = band[~cube.dead & ~top]
+        if np.count_nonzero(top) >= LEAST and _is_pile(others, np.count_nonzero(top)):
             pixels |= top
     return pixels
 

@@ -42,10 +42,15 @@ def registered(cube, library):
     if not shift:
         return cube, 0.0
     low, high = library.wavelength_um[[0, -1]]
-    cube = replace(cube, wavelength_um=cube.wavelength_um - shift)
-    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-    inside = (nodes.min(axis=1) >= low) & (nodes.max(axis=1) <= high)
-    return cube if inside.all() else cube.only(inside), shift
+
+    def inside(w):
+        nodes = quadrature(w, cube.fwhm_um)
+        return (nodes.min(axis=1) >= low) & (nodes.max(axis=1) <= high)
+
+    w = cube.wavelength_um - shift
+    kept = inside(w) | ~inside(cube.wavelength_um)  # a library for other bands is an error
+    cube = replace(cube, wavelength_um=w)
+    return cube if kept.all() else cube.only(kept), shift
 
 
 def spectral_shift(cube, library):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from traced import averaged, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, MaterialLibrary, scratch
-from physics.bad_bands import without_bad_bands
+from physics.bad_bands import NO_RADIANCE, without_bad_bands
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
@@ -186,6 +186,6 @@ def test_the_command_line_says_which_and_why(tmp_path, capfd):
     assert main([*map(str, words), "--json"]) == 0
     *text, last = capfd.readouterr().out.splitlines()
     answer = json.loads(last)
-    said = [{"wavelength_um": cube.wavelength_um[11], "why": "no radiance"}]
+    said = [{"wavelength_um": cube.wavelength_um[11], "why": NO_RADIANCE}]
     assert answer["left_out"] == said and answer["metrics"]["material_accuracy"] > 0.5
-    assert any(line.startswith("Left out") and "no radiance" in line for line in text)
+    assert any(line.startswith("Left out") and NO_RADIANCE in line for line in text)

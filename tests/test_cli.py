@@ -307,6 +307,9 @@ def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
         # pixels at random, which bands do not follow
         assert ("Suspicious   is so much noise" in out) == (answer["netd_k"] > 1) == (not netd_k)
         assert answer["k"] == 2 and not answer["k_chosen"]
+    write_cube(HeatCube(made.radiance, made.wavelength_um, made.fwhm_um, 0.005), path)
+    code, out, _ = run(capfd, *words, "--k", 2)
+    assert code == 0 and "NETD 5 mK (as stated), taken for " in out
     code, out, _ = run(capfd, *words, "--k", "auto")
     assert code == 0 and f"k = {last_json(out)['k']}, chosen\n" in out
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from traced import one_thread, traced  # noqa: F401
+from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import HeatCube
-from physics.bad_bands import without_bad_bands
+from physics.bad_bands import NO_RADIANCE, without_bad_bands
 from physics.dead_pixels import MOST
 from physics.errors import InputError
 from physics.planck import radiance
@@ -68,13 +68,14 @@ def test_a_band_that_is_dead_in_most_pixels_is_left_out():
     cube = traced("forest", 54)[0]
     whole = cube.only(np.arange(54) != 20)
     rng = np.random.default_rng(0)
-    for band in (rng.normal(0, 0.005, cube.shape), (np.arange(48 * 72) == 7).reshape(48, 72)):
+    noise = rng.normal(0, 0.005, cube.shape)
+    for band in (noise, 6e4 + noise, (np.arange(48 * 72) == 7).reshape(48, 72)):
         s = cube.radiance.copy()
         s[20] = band
         spoilt = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
         assert not spoilt.dead.any()
         left, why = without_bad_bands(spoilt)
-        assert why == {cube.wavelength_um[20]: "no radiance"}
+        assert why == {cube.wavelength_um[20]: NO_RADIANCE}
         np.testing.assert_array_equal(left.radiance, whole.radiance)
 
 
@@ -91,8 +92,14 @@ def test_a_map_of_the_camera_s_own_is_taken():
     s, stated = a_cube((10, 10)), np.zeros((10, 10), bool)
     stated[3, 4] = True
     s[0, 7, 7] = np.nan
-    assert np.argwhere(HeatCube(s, W, dead=stated).dead).tolist() == [[3, 4], [7, 7]]
-    for wrong in (stated[1:], stated.astype(float)):
+    s[:, 3, 4] = 99.0  # is no source for others
+    s[:, 3, 5] = np.nan
+    cube = HeatCube(s, W, dead=stated)
+    assert np.argwhere(cube.dead).tolist() == [[3, 4], [3, 5], [7, 7]]
+    assert cube.radiance.max() < 99
+    again = HeatCube(cube.radiance, W, dead=cube.dead)
+    assert np.shares_memory(again.radiance, cube.radiance)
+    for wrong in (stated[1:], stated.astype(float), np.ones_like(stated)):
         with pytest.raises(InputError, match="dead"):
             HeatCube(s, W, dead=wrong)
 
@@ -111,15 +118,20 @@ def test_files_and_parts_keep_them(tmp_path, kind):
 
 
 @pytest.mark.parametrize("method", ["local", "net+sgd"])
-def test_they_are_unknown_and_the_others_as_they_were(method):
-    cube = traced("forest", 54)[0]
+def test_they_are_unknown_and_the_others_as_right_as_they_were(method):
+    cube, truth = traced("forest", 54)
     spoilt, dead = with_dead(cube, 0.02)
     there, whole = (decompose(c, method=method, k=3) for c in (spoilt, cube))
     np.testing.assert_array_equal(there.dead, dead)
     assert there.unknown[dead].all() and there.temperature_sigma_k[dead].min() > 15
-    assert (there.material == whole.material)[~dead].mean() > 0.98
-    assert np.median(np.abs(there.temperature_k - whole.temperature_k)[~dead]) < 0.005
-    assert np.abs(there.unknown.astype(int) - whole.unknown)[~dead].mean() < 0.01
+    right, before = (
+        (names_of(d) == names_of(truth))[~dead].mean() for d in (there, whole)
+    )
+    assert right > before - 0.02
+    moved = np.abs(there.temperature_k - whole.temperature_k)[~dead]
+    assert np.median(moved) < cube.netd_k / 2  # and few by more than they may be off
+    assert (moved < 2 * whole.temperature_sigma_k[~dead]).mean() > 0.98
+    assert abs(there.unknown[~dead].mean() - whole.unknown[~dead].mean()) < 0.05
 
 
 def test_the_commands_say_how_many(tmp_path, capsys):

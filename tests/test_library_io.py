@@ -301,13 +301,19 @@ def test_envi_spectral_libraries(tmp_path):
             library, note = import_library(name)
             check_same(library, atol=1e-6)
             assert title.lower() in note
+    percent = envi(tmp_path / "a.sli", 100 * (1 - E), w, "Reflectance (percent)")
+    check_same(import_library(percent)[0], atol=1e-6)
+    ignored = E.copy()
+    ignored[0, 3] = -1
+    library, note = import_library(envi(tmp_path / "a.sli", ignored, w, data_ignore_value=-1))
+    check_same(library, NAMES[1:], E[1:], atol=1e-6)
     beyond = np.append(w, [16.0, 0.5])
     deleted = np.pad(E, ((0, 0), (0, 2)))
     deleted[1, 3] = -1.23e34  # as USGS marks what was not measured
     deleted[2, -1] = -1.23e34  # where nobody looks
     library, note = import_library(envi(tmp_path / "a.sli", deleted, beyond))
     check_same(library, ["sky", "old_brick"], E[[0, 2]], atol=1e-6)
-    assert "left out, being beyond 0..1 there: Water" in note
+    assert "left out, with bands that were deleted: Water" in note
 
 
 @pytest.mark.parametrize(
@@ -322,7 +328,8 @@ def test_envi_spectral_libraries(tmp_path):
         (dict(wavelength_units="Nanometers"), "no two bands in 7-15 um"),
         (dict(file_type="ENVI Standard"), "must be ENVI Spectral Library"),
         (dict(lines=4), "is cut off"),
-        (dict(reflectance_scale_factor=0.001), "no spectrum of a.sli is within 0..1"),
+        (dict(reflectance_scale_factor=0.01), "divide it by 100 if it is in percent"),
+        (dict(bands=3, lines=1, spectra_names="{a}"), "bands must be 1"),
     ],
 )
 def test_wrong_envi_libraries(tmp_path, capfd, changes, sentence):

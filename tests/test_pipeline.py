@@ -13,10 +13,11 @@ import texnet.pipeline
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import quadrature
 from physics.eq1 import render
+from physics.heat_cube import LEAST_NETD_K
 from physics.planck import noise_sigma, radiance
 from texnet.baselines import clahe, panchromatic, principal_components
 from texnet.metrics import texture_scores
-from texnet.pipeline import LEAST_NETD_K, METHODS, decompose
+from texnet.pipeline import METHODS, decompose
 from texnet.progress import COMPILING, compiling
 
 LIBRARY = MaterialLibrary.starter()

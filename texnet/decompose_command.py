@@ -8,6 +8,7 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from physics.errors import InputError
+from physics.heat_cube import LEAST_NETD_K
 from physics.library import SKY, MaterialLibrary
 
 from .cube_io import read_cube, truth_path
@@ -176,7 +177,9 @@ def _netd(r):
     source = "estimated" if said is None else "as stated"
     if said and not math.isclose(own, said, rel_tol=1e-3):
         source = f"estimated, {1e3 * said:.0f} mK stated"
-    raised = f", taken for {1e3 * r['netd_k']:.0f} mK as nothing fits better"
+    floor = r["netd_k"] * r["gain"] < 1.001 * LEAST_NETD_K
+    why = "k objects leave out as much" if floor else "nothing fits better"
+    raised = f", taken for {1e3 * r['netd_k']:.0f} mK as {why}"
     return f"NETD {1e3 * own:.0f} mK ({source}){raised if r['noise_raised'] > 1 else ''}"
 
 

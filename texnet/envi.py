@@ -64,9 +64,7 @@ def read_envi(path):
         hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
     if axis is None:
         axis, centre, fwhm = "um", None, None
-    bbl, ignore = header.numbers("bbl", bands), None
-    if header.word("data ignore value", "nan").lower() != "nan":
-        ignore = header.numbers("data ignore value", 1)[0]
+    bbl, ignore = header.numbers("bbl", bands), header.ignored()
     said = header.word("data units", header.word("units", "")).lower()
     unit = next((u for u in UNITS if u.lower() == said), None)
     return RawCube(
@@ -78,7 +76,7 @@ def read_envi(path):
 class Spectra(NamedTuple):
     """What a spectral library holds and says.
 
-    names     of the spectra;  values  (spectra, bands) float64
+    names     of the spectra;  values  (spectra, bands) float64, NaN where nothing was measured
     centre    (bands,) in axis: "um", "nm" or "cm-1"
     quantity  y axis title
     """
@@ -105,7 +103,11 @@ def read_spectra(path):
     binary = _binary_of(path, "library") if is_header else path
     _, _, numbers, _ = _numbers(header, binary, LIBRARIES)
     gain, offset, _ = _scale(header, 1)
-    values = gain * numbers()[0].astype(np.float64) + offset
+    raw = numbers()
+    if len(raw) != 1:
+        raise header.error(f"bands must be 1 in a spectral library, not {len(raw)}")
+    raw = raw[0].astype(np.float64)
+    values = np.where(raw == header.ignored(), np.nan, gain * raw + offset)
     names = header.word("spectra names").strip("{} ").split(",")
     centre, axis = header.numbers("wavelength", values.shape[1]), header.axis()
     if len(names) != len(values):
@@ -239,6 +241,12 @@ class _Header:
         """Of its wavelengths: "um", "nm" or "cm-1"; None if it is not said."""
         said = self.word("wavelength units", "").lower()
         return next((axis for axis, names in AXES.items() if said in names), None)
+
+    def ignored(self):
+        """The number that stands for no measurement, or None."""
+        if self.word("data ignore value", "nan").lower() == "nan":
+            return None
+        return self.numbers("data ignore value", 1)[0]
 
     def whole(self, key, default=None, least=0):
         """A whole number."""

@@ -3,6 +3,7 @@
 from copy import deepcopy
 from functools import cache
 from importlib.resources import as_file, files
+from threading import Lock
 
 import torch
 
@@ -16,6 +17,7 @@ from .model import TeX, TeXModel
 from .weights import load_network
 
 WEIGHTS = "texnet.safetensors"  # in texnet/data
+_ONE_RUN = Lock()
 
 
 def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
@@ -39,17 +41,18 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
         return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
 
     def run(radiance, known, progress=None, expected=None, regions=None):
-        threads = torch.get_num_threads()
-        at_once = min(threads, MOST_AT_ONCE) if device == "cpu" else 1
-        torch.set_num_threads(threads // at_once)  # many on one tile waste more than one on each
-        try:
-            return by_tiles(
-                answer, radiance, known, expected, regions, halo=network.halo,
-                cell=network.config["stride"], tile_bytes=TILE_BYTES / at_once, at_once=at_once,
-                progress=progress,
-            )  # fmt: skip
-        finally:
-            torch.set_num_threads(threads)
+        with _ONE_RUN:  # torch's threads are those of the process
+            threads = torch.get_num_threads()
+            at_once = min(threads, MOST_AT_ONCE) if device == "cpu" else 1
+            torch.set_num_threads(threads // at_once)  # many on one tile waste more than one each
+            try:
+                return by_tiles(
+                    answer, radiance, known, expected, regions, halo=network.halo,
+                    cell=network.config["stride"], tile_bytes=TILE_BYTES / at_once,
+                    at_once=at_once, progress=progress,
+                )  # fmt: skip
+            finally:
+                torch.set_num_threads(threads)
 
     return run
 

@@ -30,6 +30,7 @@ from physics.library import SKY, MaterialLibrary
 from .envi import read_spectra
 from .mat_file import read_mat
 
+DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
 MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
@@ -251,12 +252,12 @@ def _read_envi(path):
         )
     w, values = w[inside], values[:, inside]
     _check_gaps(w, path.name, "take another")
-    good = (np.abs(values) <= 1 + CLIP).all(axis=1)  # else bands were deleted, by a huge number
+    good = (np.abs(values) < DELETED).all(axis=1)  # not so of a NaN
     if not good.any():
         raise InputError(
-            f"library: no spectrum of {path.name} is within 0..1 from {w[0]:.4g} to {w[-1]:.4g} "
-            "um; its reflectance scale factor may be missing."
+            f"library: no spectrum of {path.name} is whole from {w[0]:.4g} to {w[-1]:.4g} um."
         )
+    values = values * (0.01 if re.search("percent|%", said) else 1.0)
     e = values if "emiss" in said else 1 - values
     words = [
         f"ENVI spectral library of {spectra.quantity.lower()}"
@@ -265,7 +266,7 @@ def _read_envi(path):
     ]
     left = [name for name, there in zip(spectra.names, good, strict=True) if not there]
     if left:
-        words.append(f"left out, being beyond 0..1 there: {', '.join(left)}")
+        words.append(f"left out, with bands that were deleted: {', '.join(left)}")
     names = [name for name, there in zip(spectra.names, good, strict=True) if there]
     sources = [f"{name}, from {path.name}." for name in names]
     return _unique(names), w, e[good], sources, words
@@ -382,7 +383,7 @@ def _read_text(path):
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
         covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
-        raise NotThermal(
+        raise (NotThermal if w.size else InputError)(
             f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
             "leave this file out."
         )

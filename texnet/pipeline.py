@@ -35,9 +35,6 @@ from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
 MAX_K = 10
-# of noise, whatever the camera's: what k objects leave out. On scenes of no test a camera of 5 mK
-# was answered no better than at 20 mK, and up to a quarter of its pixels were unknown for it
-LEAST_NETD_K = 0.02
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
 
@@ -72,11 +69,12 @@ class Decomposition:
                           corrected: the maps are of (S - offset) / (gain band_gains), the offset
                           being so many K at 300 K
     calibration_error_k   as it was stated, K at 300 K
-    left_out              {wavelength_um: why} of those that were not, being dead or hot
+    left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
+                          library where they were found to lie
     hue_deg               (materials,) TeX-vision hues
     netd_k                the noise that was assumed, K, of the corrected cube, which is
     noise_raised          times the camera's: more than once where nothing fits better, and where
-                          that is less than what k objects leave out anyhow (LEAST_NETD_K)
+                          that is less than what k objects leave out anyhow
     objective             E of `physics.semiglobal` along the refinement, nats; empty for local
     seconds               time by stage
     """
@@ -161,13 +159,12 @@ def decompose(
         return (lambda done, total: progress(done, total, what)) if progress else None
 
     whole = cube.wavelength_um
-    cube, left_out, shift, stated = prepared(cube, library)
+    cube, left_out, shift, stated, camera_k = prepared(cube, library)
+    floor = cube.netd_k / camera_k
     if environment is not None:
         environment.check_bands(whole)
         environment = environment.only(np.isin(whole, stated))
         environment = replace(environment, wavelength_um=cube.wavelength_um)
-    camera_k = cube.netd_k
-    cube = replace(cube, netd_k=max(camera_k, LEAST_NETD_K))
     lap("bands")
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
@@ -209,7 +206,7 @@ def decompose(
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         wavelength_um=stated, hue_deg=library.hue_deg,
-        netd_k=cube.netd_k, noise_raised=cube.netd_k * shown.gain / camera_k,
+        netd_k=cube.netd_k, noise_raised=floor * shown.noise,
         spectral_shift_um=shift, calibration_error_k=float(calibration_error_k), left_out=left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip

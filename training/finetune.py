@@ -32,6 +32,7 @@ LEARNING_RATE = 5e-4  # a quarter of training's
 PHYSICS_LEARNING_RATE = 1e-4  # Eq. 1 alone says little of materials: keep near what is known
 PER_EPOCH = 160  # draws
 SCENES, EPOCHS = 48, 3  # 3 % of the scenes and of the draws of `train`
+K = 5  # objects, as `decompose` takes if nobody says
 HELD_OUT = 8  # validation scenes, or crops of the cubes, measured before and after
 
 
@@ -62,10 +63,11 @@ def finetune(
     if cubes:
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         whole = with_sky(library)
-        draws = Crops([calibrated(cube, whole, network) for cube in cubes], whole, seed, SIDE)
+        data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
+        cubes = [calibrated(cube, whole, network, device, progress) for cube in cubes]
+        draws = Crops(cubes, whole, seed, SIDE)
         held_out = copy.copy(draws)
         held_out.seed = VALIDATION_SEED
-        data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
     else:
         terms, rate = "both", LEARNING_RATE
         sets = [
@@ -98,9 +100,11 @@ def finetune(
     return network.cpu().eval(), history
 
 
-def calibrated(cube, library, network):
-    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet."""
-    d = decompose(cube, library, model=torch_model(network=network))
+def calibrated(cube, library, network, device="cpu", progress=None):
+    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet.
+    Raises InputError as that does."""
+    model, k = torch_model(network=network, device=device), min(K, cube.shape[0] * cube.shape[1])
+    d = decompose(cube, library, k=k, model=model, progress=progress)
     bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
     shown = Calibration(d.gain, d.offset_k, d.noise_raised, bands=bands)
     return corrected(prepared(cube, library).cube, shown)
