@@ -7,9 +7,8 @@ the size on each side, repeated), the starter library of 30 materials, an estima
 k = 4 objects, two threads; to be run where there are two cores. In one run, in turn, so often
 repeated as stands in a row:
 
-    local, net+sgd        texnet: the whole of `decompose` but files and pictures; where torch
-                          finds a GPU, net+sgd on that, too
-    net                   the network alone, in torch, on a whole frame
+    local, net, net+sgd   texnet: the whole of `decompose` but files and pictures, net in torch;
+                          where torch finds a GPU, net+sgd on that, too
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
                           pixels that are neither sky nor mixed with it; the median

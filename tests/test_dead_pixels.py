@@ -1,12 +1,11 @@
 """Pixels without a measurement: found, filled from beside them, kept on disk, called unknown."""
 
-import json
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from traced import names_of, one_thread, traced  # noqa: F401
+from traced import names_of, one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
 from physics.bad_bands import NO_RADIANCE, without_bad_bands
@@ -137,13 +136,11 @@ def test_they_are_unknown_and_the_others_as_right_as_they_were(method):
 def test_the_commands_say_how_many(tmp_path, capsys):
     cube, dead = with_dead(traced("forest", 54)[0], 0.01)
     np.savez(tmp_path / "a.npz", radiance=cube.measured(), wav=cube.wavelength_um)
-    out = str(tmp_path / "cube.exr")
-    assert main(["import", str(tmp_path / "a.npz"), "--unit", "W/m2/sr/um", "--out", out]) == 0
+    out = tmp_path / "cube.exr"
+    words = ["import", tmp_path / "a.npz", "--unit", "W/m2/sr/um", "--out", out]
+    assert main([str(word) for word in words]) == 0
     assert f"{dead.sum()} pixels without a measurement" in capsys.readouterr().out
-    command = ["decompose", out, "--method", "local", "--json", "--out"]
-    assert main([*command, str(tmp_path / "b")]) == 0
-    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    text, result, npz = said(capsys, out, tmp_path / "b", "--method", "local")
     assert f"Dead         {100 * dead.mean():.2g} % of the pixels" in text
-    assert json.loads(result)["dead"] == pytest.approx(dead.mean())
-    with np.load(tmp_path / "b" / "decomposition.npz") as npz:
-        np.testing.assert_array_equal(npz["dead"], dead)
+    assert result["dead"] == pytest.approx(dead.mean())
+    np.testing.assert_array_equal(npz["dead"], dead)

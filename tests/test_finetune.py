@@ -26,9 +26,10 @@ from physics.library import SKY
 from physics.simulator.traced import TracedScene
 from texnet.cli import _parser, main
 from texnet.cube_io import write_cube
-from texnet.learned import shipped_network
+from texnet.learned import shipped_network, torch_model
 from texnet.library_io import with_sky
 from texnet.network import TeXNet
+from texnet.pipeline import decompose
 from texnet.weights import load_network, save_network
 from training.crops import Crops
 from training.finetune import calibrated, finetune
@@ -270,6 +271,9 @@ def test_a_camera_s_gain_is_not_learned():
     right, taken = (calibrated(c, STARTER, shipped_network()) for c in (seen, bright))
     np.testing.assert_array_equal(right.radiance, seen.radiance)
     assert np.median(taken.radiance / seen.radiance) == pytest.approx(1, abs=0.005)
+    fine = HeatCube(seen.radiance, seen.wavelength_um, seen.fwhm_um, 0.005)
+    as_taken = decompose(fine, model=torch_model()).netd_k
+    assert calibrated(fine, STARTER, shipped_network()).netd_k == as_taken
 
 
 # --- the command line --------------------------------------------------------------------

@@ -10,12 +10,16 @@ from traced import averaged, names_of, one_thread, traced  # noqa: F401
 
 import texnet.exact
 import texnet.pipeline
+from benchmarks import ONNX
+from export.runtime import Runtime
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import quadrature
 from physics.eq1 import render
 from physics.heat_cube import LEAST_NETD_K
+from physics.known import known_arrays
 from physics.planck import noise_sigma, radiance
 from texnet.baselines import clahe, panchromatic, principal_components
+from texnet.learned import torch_model
 from texnet.metrics import texture_scores
 from texnet.pipeline import METHODS, decompose
 from texnet.progress import COMPILING, compiling
@@ -295,6 +299,16 @@ def test_what_is_no_cube_or_library_is_refused(make_pixels):
         decompose(cube, "lib.json")
     with pytest.raises(InputError, match="names must be a list"):
         MaterialLibrary.starter().subset("water")
+
+
+@pytest.mark.parametrize("model", [torch_model(), torch_model(False), Runtime(ONNX).run])
+def test_what_is_no_number_is_never_trusted(make_pixels, model):
+    """Noise of a billionth of a kelvin overflows what is divided by it."""
+    scene = make_pixels(bands=9, shape=(6, 8))
+    cube = HeatCube(scene.cube.radiance, scene.wavelength, netd_k=1e-9)
+    maps = model(cube.radiance, known_arrays(cube, scene.library, scene.environment))
+    number = np.isfinite(maps["temperature_k"])
+    assert not number.all() and maps["unknown"][~number].all()
 
 
 @pytest.mark.parametrize("method", METHODS)

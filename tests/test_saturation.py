@@ -1,17 +1,15 @@
 """Saturated pixels are found, said to be unknown, and no other pixel is."""
 
-import json
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from traced import one_thread, traced  # noqa: F401
+from traced import one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
 from physics.planck import noise_sigma, radiance
 from physics.saturation import saturated
-from texnet.cli import main
 from texnet.cube_io import write_cube
 from texnet.pipeline import decompose
 
@@ -81,10 +79,7 @@ def test_their_temperature_is_called_unknown(method):
 def test_the_command_says_how_many(tmp_path, capsys):
     cube, beyond = clipped(traced("forest", 54)[0], 0.1)
     write_cube(cube, tmp_path / "cube.npz")
-    command = ["decompose", str(tmp_path / "cube.npz"), "--method", "local", "--json", "--out"]
-    assert main([*command, str(tmp_path / "out")]) == 0
-    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    text, result, npz = said(capsys, tmp_path / "cube.npz", tmp_path / "out", "--method", "local")
     assert f"Saturated    {100 * beyond.mean():.2g} % of the pixels" in text
-    assert json.loads(result)["saturated"] == pytest.approx(beyond.mean())
-    with np.load(tmp_path / "out" / "decomposition.npz") as npz:
-        np.testing.assert_array_equal(npz["saturated"], beyond)
+    assert result["saturated"] == pytest.approx(beyond.mean())
+    np.testing.assert_array_equal(npz["saturated"], beyond)

@@ -1,6 +1,7 @@
 """Small path-traced cubes for tests of the whole chain, each traced once per process."""
 
 import functools
+import json
 
 import numba
 import numpy as np
@@ -11,6 +12,7 @@ from physics.bands import equidistant_bands
 from physics.heat_cube import HeatCube
 from physics.simulator import simulate
 from physics.simulator.presets import preset
+from texnet.cli import main
 
 
 @functools.cache
@@ -28,6 +30,14 @@ def averaged(cube, bands):
         mean(cube.radiance), mean(cube.wavelength_um), group * mean(cube.fwhm_um),
         cube.netd_k / np.sqrt(group),
     )  # fmt: skip
+
+
+def said(capsys, cube, out, *more):
+    """What decompose says of a cube file, its JSON, and the arrays that it writes."""
+    assert main(["decompose", str(cube), "--out", str(out), "--json", *more]) == 0
+    text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    with np.load(out / "decomposition.npz") as npz:
+        return text, json.loads(result), dict(npz)
 
 
 def names_of(answer):

@@ -64,7 +64,7 @@ def read_envi(path):
         hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
     if axis is None:
         axis, centre, fwhm = "um", None, None
-    bbl, ignore = header.numbers("bbl", bands), header.ignored()
+    bbl, ignore = header.numbers("bbl", bands), header.ignored(dtype)
     said = header.word("data units", header.word("units", "")).lower()
     unit = next((u for u in UNITS if u.lower() == said), None)
     return RawCube(
@@ -101,13 +101,14 @@ def read_spectra(path):
         raise InputError(f"library: there is no header, {path.stem}.hdr, beside {path}.")
     header = _Header(beside, "library")
     binary = _binary_of(path, "library") if is_header else path
-    _, _, numbers, _ = _numbers(header, binary, LIBRARIES)
+    dtype, _, numbers, _ = _numbers(header, binary, LIBRARIES)
     gain, offset, _ = _scale(header, 1)
     raw = numbers()
     if len(raw) != 1:
         raise header.error(f"bands must be 1 in a spectral library, not {len(raw)}")
-    raw = raw[0].astype(np.float64)
-    values = np.where(raw == header.ignored(), np.nan, gain * raw + offset)
+    values = np.where(
+        raw[0] == header.ignored(dtype), np.nan, gain * raw[0].astype(np.float64) + offset
+    )
     names = header.word("spectra names").strip("{} ").split(",")
     centre, axis = header.numbers("wavelength", values.shape[1]), header.axis()
     if len(names) != len(values):
@@ -242,11 +243,13 @@ class _Header:
         said = self.word("wavelength units", "").lower()
         return next((axis for axis, names in AXES.items() if said in names), None)
 
-    def ignored(self):
-        """The number that stands for no measurement, or None."""
+    def ignored(self, dtype):
+        """What stands for no measurement among numbers of a dtype; None if nothing does."""
         if self.word("data ignore value", "nan").lower() == "nan":
             return None
-        return self.numbers("data ignore value", 1)[0]
+        value = self.numbers("data ignore value", 1)[0]
+        with np.errstate(over="ignore"):  # its text has more digits than float32
+            return dtype.type(value) if dtype.kind == "f" else value
 
     def whole(self, key, default=None, least=0):
         """A whole number."""

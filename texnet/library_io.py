@@ -288,20 +288,21 @@ def _read_texts(path):
             raise InputError(f"library: the folder {path} holds no spectrum .txt file.")
     else:
         files = [path]
-    spectra, refused, elsewhere = [], {}, []
+    spectra, refused, elsewhere = [], {}, {}
     for file in files:
         try:
             spectra.append(_read_text(file))
         except NotThermal as e:  # usual beside others
-            elsewhere.append(file)
-            refused |= {} if len(files) > len(elsewhere) else {file.name: str(e)}
+            elsewhere[file.name] = str(e)
         except InputError as e:
             refused[file.name] = str(e)
+    if not spectra:
+        refused |= elsewhere
     if refused:
         first, *others = refused
         rest = f"; refused as well: {', '.join(others)}." if others else "."
         raise InputError(refused[first].removesuffix(".") + rest)
-    files = [file for file in files if file not in elsewhere]
+    files = [file for file in files if file.name not in elsewhere]
     low = max(w[0] for _, w, _, _ in spectra)
     high = min(w[-1] for _, w, _, _ in spectra)
     if low >= high:
@@ -327,9 +328,8 @@ def _read_texts(path):
     ]
     skipped = sum(n for _, _, _, n in spectra)
     if elsewhere:
-        low, high = TEXT_RANGE_UM
-        without = ", ".join(file.name for file in elsewhere)
-        words.append(f"nothing of {low:g}-{high:g} um in {without}: left out")
+        there = f"{TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um"
+        words.append(f"nothing of {there} in {', '.join(elsewhere)}: left out")
     if skipped:
         words.append(f"{skipped} rows skipped that are no two positive numbers")
     return names, grid, e, sources, words

@@ -187,16 +187,12 @@ def _radiance(raw, kept, gain, offset, progress):
     Read part by part along the file's slowest axis, so that each byte is read once.
     """
     numbers = raw.numbers()
-    shape, strides, dtype = numbers.shape, numbers.strides, numbers.dtype
+    shape, strides = numbers.shape, numbers.strides
     del numbers
     slowest = int(np.argmax(np.where(np.array(shape) > 1, strides, 0)))
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
     ignored = np.zeros(len(kept), np.int64)
-    ignore = raw.ignore
-    if ignore is not None and dtype.kind == "f":  # a header's text has more digits than float32
-        with np.errstate(over="ignore"):
-            ignore = dtype.type(ignore)
     for start in range(0, radiance.shape[slowest], step):
         at = [slice(None)] * 3
         at[slowest] = slice(start, start + step)
@@ -208,8 +204,8 @@ def _radiance(raw, kept, gain, offset, progress):
             part = found.astype(np.float64)
             part *= gain[bands, None, None]
             part += offset[bands, None, None]
-            if ignore is not None:
-                nothing = found == ignore
+            if raw.ignore is not None:
+                nothing = found == raw.ignore
                 part[nothing] = np.nan
                 ignored[bands] += np.count_nonzero(nothing, axis=(1, 2))
             radiance[tuple(at)] = part
@@ -217,7 +213,7 @@ def _radiance(raw, kept, gain, offset, progress):
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
     size = radiance[0].size
-    half = int(np.median(ignored))  # of the bands: those that have more are dead
+    half = int(np.quantile(ignored, 0.5, method="lower"))  # bands that have more are dead
     if half > MOST * size:
         raise InputError(
             f"cube: {half} of {size} pixels hold the data ignore value {raw.ignore:g}, more than "

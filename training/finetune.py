@@ -11,6 +11,7 @@ Zero-shot is neither: the network takes any library as it is.
 import copy
 import json
 import time
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -106,8 +107,8 @@ def calibrated(cube, library, network, device="cpu", progress=None):
     model, k = torch_model(network=network, device=device), min(K, cube.shape[0] * cube.shape[1])
     d = decompose(cube, library, k=k, model=model, progress=progress)
     bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
-    shown = Calibration(d.gain, d.offset_k, d.noise_raised, bands=bands)
-    return corrected(prepared(cube, library).cube, shown)
+    right = corrected(prepared(cube, library).cube, Calibration(d.gain, d.offset_k, bands=bands))
+    return replace(right, netd_k=d.netd_k)
 
 
 def _measure(module, draws):

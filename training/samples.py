@@ -86,13 +86,13 @@ def draw(record, rng, side=None) -> Sample:
     glance, step = None, int(rng.integers(PATCH, STEP + 1))
     if side >= max(height, width) or rng.random() < 0.5:
         afar = from_afar(cube, step)
-        known = _as_tensors(known_arrays(afar, library, environment))
+        known = Known.of(known_arrays(afar, library, environment))
         glance = Glance(known, torch.from_numpy(afar.radiance.copy()), step, top, left, turn < 0)
     of = lambda a: torch.from_numpy(  # noqa: E731
         np.array(a[..., top : top + side, left : left + side][..., ::turn])
     )
     return Sample(
-        _as_tensors(known_arrays(cube, library, environment)),
+        Known.of(known_arrays(cube, library, environment)),
         of(cube.radiance),
         of(order[record.material]),
         of(record.temperature_k),
@@ -101,10 +101,6 @@ def draw(record, rng, side=None) -> Sample:
         of(np.array(record.names)[record.material] != SKY),
         glance,
     )
-
-
-def _as_tensors(known):
-    return Known.of(known)
 
 
 @torch.no_grad()
