@@ -1,4 +1,20 @@
-"""Peers side by side, the charts, the paper's figures (`reproduce`). Each file says its command."""
+"""What texnet is worth, measured. Each file says its command. The map:
+
+accuracy     errors and time of every method against the number of bands
+chart        accuracy against time, beside classical methods
+speed        seconds and memory, beside what others use
+stability    where methods fail, and whether they say so; atlas draws and writes it up
+sigma        whether another sigma of T could hold what it should
+automatic_k  k by evidence against the best fixed k
+band_design  designed filters against equidistant ones
+library_from_cube  a library made from the cube alone against the exact one
+finetune     what fine-tuning is worth on materials never seen
+ablation     what each part of the network and of its loss earns
+starts       what a good start buys TeX-SGD
+mitsuba_agreement  the simulator against an independent renderer
+reproduce    the paper's figures; paper_method is the paper's method, as written
+rows         measurements in files, and what made them
+"""
 
 from pathlib import Path
 

@@ -195,7 +195,7 @@ def measure(out, networks=(), progress=None):
     torch.set_num_threads(THREADS)
     methods, made = all_methods(networks), settings(*networks)
     wanted = {(str(b), m) for b in BANDS for m in methods}
-    rows = _whole_scenes(read_csv(out / "chart.csv"), made, wanted)
+    rows = _whole_scenes(read_csv(out / "chart.csv", made), wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
     total, count = (RANDOM_SCENES + len(PRESETS)) * len(wanted), len(rows)
     with threadpool_limits(THREADS):
@@ -207,10 +207,10 @@ def measure(out, networks=(), progress=None):
                     if progress:
                         progress(count + len(of_scene), total, "chart")
                     row = {"scene": name, "bands": bands, "method": method}
-                    of_scene.append(row | _scores(run, scene) | {"settings": made})
+                    of_scene.append(row | _scores(run, scene))
             rows += of_scene
             count += len(of_scene)
-            write_csv(out / "chart.csv", rows)
+            write_csv(out / "chart.csv", rows, made)
     rows = [r | {"bands": int(r["bands"])} | {n: float(r[n]) for n in SHOWN} for r in rows]
     summary = medians(rows)
     front = {b: {m: pareto_methods(summary, b, m) for m in ERRORS} for b in BANDS}
@@ -230,9 +230,8 @@ def _scores(run, scene):
     return {"seconds_per_megapixel": per} | {name: errors[name] for name in ERRORS}
 
 
-def _whole_scenes(rows, made, wanted):
-    """The rows made with these settings of scenes that have all the (bands, method) wanted."""
-    rows = [r for r in rows if r.get("settings") == made]
+def _whole_scenes(rows, wanted):
+    """The rows of scenes that have all the (bands, method) wanted."""
     of = {}
     for r in rows:
         of.setdefault(r["scene"], set()).add((r["bands"], r["method"]))

@@ -1,4 +1,5 @@
-"""Measurements are rows, dicts of plain values; a benchmark keeps them as CSV."""
+"""Measurements are rows, dicts of plain values; a benchmark keeps them as CSV, whose last column
+says what made them."""
 
 import csv
 import os
@@ -14,6 +15,8 @@ _ROOT = Path(__file__).parents[1]
 CODE = [_ROOT / name for name in ("physics", "texnet", "training", "export", "benchmarks")]
 DATA = [ONNX, SHIPPED / "texnet.safetensors", _ROOT / "physics" / "data" / "starter_library.json"]
 
+SETTINGS = "settings"  # the column
+
 
 def settings(*networks):
     """What tells measurements apart: code, shipped data, packages, this machine, other networks."""
@@ -22,17 +25,20 @@ def settings(*networks):
     return "of " + provenance(machine, [*CODE, *DATA, *networks])  # never to be read as a number
 
 
-def write_csv(path, rows):
-    """Write rows of the same keys, the first row's order, whole or not at all."""
-    with whole_file(path) as part, open(part, "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
+def write_csv(path, rows, made=None):
+    """Write rows of the same keys, the first row's order, whole or not at all, and of each by what
+    it was made: these settings, those of this code if None."""
+    made = made or settings()
+    with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [*rows[0], SETTINGS])
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows(row | {SETTINGS: made} for row in rows)
 
 
-def read_csv(path):
-    """The rows that write_csv wrote, all their values as text; none if there is no file."""
+def read_csv(path, made):
+    """The rows that write_csv wrote, as they were made by these settings, all their values as text;
+    none if there is no file."""
     if not path.exists():
         return []
     with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+        return [row for row in csv.DictReader(file) if row.pop(SETTINGS, None) == made]

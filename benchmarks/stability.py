@@ -479,7 +479,7 @@ def measure(out, axes=tuple(AXES), progress=None):
     for done, (axis, level, view) in enumerate(jobs, 1):
         if (axis, float(level), f"{view.name} {view.seed}") not in known:
             rows += measured(axis, level, view, library, model)
-            _write(out / "stability.csv", rows, made)
+            write_csv(out / "stability.csv", rows, made)
         if progress:
             progress(done, len(jobs), axis)
     draw(rows, AXES, out / "atlas.png")
@@ -489,7 +489,7 @@ def measure(out, axes=tuple(AXES), progress=None):
         for scene, traced in test_scenes(RANDOM_SCENES, (), known):
             cube, truth = traced.shade(library, *equidistant_bands(BANDS), NETD_K)
             doubt += missing_rows(scene, cube, truth, library, model)
-            _write(out / "missing.csv", doubt, made)
+            write_csv(out / "missing.csv", doubt, made)
             known.append(scene)
             if progress:
                 progress(len(known), RANDOM_SCENES, "missing")
@@ -499,12 +499,7 @@ def measure(out, axes=tuple(AXES), progress=None):
 
 def _read(table, made):
     """The rows of a table that were made with these settings."""
-    rows = [row for row in read_csv(table) if row.pop("settings", None) == made]
-    return [{name: _value(text) for name, text in row.items()} for row in rows]
-
-
-def _write(table, rows, made):
-    write_csv(table, [row | {"settings": made} for row in rows])
+    return [{name: _value(text) for name, text in row.items()} for row in read_csv(table, made)]
 
 
 def main():

@@ -11,7 +11,9 @@ contrast     Eq. 7: what the contrast of a thermal image is made of
 heat_cube    HeatCube
 bad_bands    which of its bands are dead or hot, and how noisy the others are
 spectral_shift  by how much its wavelengths are off, by the sky's ozone
+dead_pixels  which of its pixels hold no measurement, and what they get instead
 saturation   which of its pixels are brighter than it can show
+prepared     a cube ready to be explained, by all of these
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
 sky          the spectrum of a clear sky
 overhead     the sky overhead, from the sky in view
@@ -34,6 +36,7 @@ evidence     every material's evidence at once, by Gaussian priors
 refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses
 threads      many items, some at a time
 tiles        pictures of any size in tiles
+by_tiles     a model's answer to a picture, tile by tile
 distill      the texture that the sky alone lights
 truth        Truth: what is so in every pixel of a simulated cube
 simulator    path-traced cubes with it

@@ -1,6 +1,7 @@
 """Arrows point down (DESIGN "Layout and import direction"), and light modules stay light."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -78,10 +79,21 @@ def test_texnet_offers_the_pipeline_lazily():
     code = (
         "import sys, texnet\n"
         "assert 'torch' not in sys.modules\n"
-        "from texnet import Decomposition\n"
-        "assert callable(texnet.decompose) and callable(texnet.decompose)\n"
+        "assert set(texnet.__all__) < set(dir(texnet))\n"
+        "from texnet import *\n"
+        "assert decompose is texnet.decompose and callable(read_cube)\n"
+        "assert not hasattr(texnet, 'no_such_name')\n"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+@pytest.mark.parametrize(
+    "map_", [str(p.relative_to(ROOT)) for a in ABOVE for p in (ROOT / a).rglob("__init__.py")]
+)
+def test_a_package_s_map_names_all_its_modules(map_):
+    there = {p.stem for p in (ROOT / map_).parent.glob("*.py")} - {"__init__"}
+    text = ast.get_docstring(ast.parse((ROOT / map_).read_text("utf-8")))
+    assert {name for name in there if not re.search(rf"\b{name}\b", text)} == set()
 
 
 def test_scenes_and_files_never_unpickle():

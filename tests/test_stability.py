@@ -130,7 +130,7 @@ def test_what_is_said_of_a_missing_material(library, monkeypatch):
 def test_rows_of_other_code_do_not_count(tmp_path, monkeypatch):
     table = tmp_path / "stability.csv"
     kept = [{"axis": "x", "level": 0.5, "scene": "s"}]
-    stability._write(table, kept, rows.settings())
+    rows.write_csv(table, kept)
     assert stability._read(table, rows.settings()) == kept
     monkeypatch.setattr(rows, "CODE", [])
     assert stability._read(table, rows.settings()) == []

@@ -1,9 +1,10 @@
 """texnet: temperature, emissivity and texture from thermal hyperspectral cubes.
 
     >>> import texnet
-    >>> from texnet.cube_io import read_cube
-    >>> answer = texnet.decompose(read_cube("night.exr"))
+    >>> cube = texnet.read_cube("night.exr")  # texnet.import_cube reads files of others
+    >>> answer = texnet.decompose(cube)
     >>> answer.temperature_k, answer.temperature_sigma_k, answer.material, answer.unknown
+    >>> picture = texnet.tex_vision(answer)
 
 What to give `decompose`, and what else an answer holds, their docstrings say. The map:
 
@@ -36,15 +37,21 @@ loading     packages load undisturbed
 cli         the command line; what its commands do is in commands and decompose_command
 """
 
-__all__ = ["Decomposition", "decompose"]
+from importlib import import_module
+
+_HOMES = {
+    "Decomposition": "pipeline", "decompose": "pipeline", "import_cube": "cube_import",
+    "read_cube": "cube_io", "tex_vision": "vision", "write_cube": "cube_io",
+}  # fmt: skip
+__all__ = list(_HOMES)
 
 
 def __getattr__(name):
     # Lazy, because the pipeline loads sklearn and the command line must start at once.
-    if name in __all__:
-        from importlib import import_module
-
-        module = import_module(".pipeline", __name__)
-        globals().update({n: getattr(module, n) for n in __all__})
-        return globals()[name]
+    if name in _HOMES:
+        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__():
+    return [*globals(), *__all__]

@@ -5,7 +5,9 @@ street     an evening street: brick, plaster, glass, asphalt, cars, people
 patches    snow, grass and sand, each of one temperature: texture from relief alone
 patterned  relief and an unrelated temperature pattern on every object
 room       a closed room: no sky
-random     a different scene for every seed, to train on
+random     a different scene for every seed, to train on (random_scene)
+
+props and temperature are what they are made of.
 """
 
 from ...errors import InputError
