@@ -10,7 +10,8 @@ is left even of the pixels that fit best, until that does not change (`_left`). 
 that was stated, all is well. If not, it may be the bands among each other, if with gains of their
 own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
 times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just
-fits, because what is wrong is so in many bands and pixels alike and misleads more than noise.
+fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
+T, to which all bands add up, may be off at once by DOUBT times as much.
 
 The constants, here and there, were found on scenes of no test with 9 and 54 bands: right cameras,
 gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries
@@ -44,6 +45,7 @@ JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAN
 RISE = 0.1  # more than that, and it is not right
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
+DOUBT = 1.5  # times that, by which T is misled, in all pixels of a material alike
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
 
@@ -67,15 +69,16 @@ def calibration(cube, environment, look, library, left_out=None):
         found, misfit = RIGHT, scene.left(RIGHT, few)
     if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
-        if evened is not None and (less := scene.left(evened, few)) <= just + RISE:
+        if evened is not None and (less := scene.left(evened, few)) <= just:
             found, misfit = evened, less
     if misfit <= just:
         return found
     # no step, for what lies just beside it
-    more = MORE_OF_FEW if few else MORE
-    noise = (more * misfit) ** min((misfit - just) / RAMP, 1.0)
-    noise = min(round(noise, 3), MAX_NETD_K / cube.netd_k)
-    return found._replace(noise=noise, misfit=misfit) if noise > 1 else found
+    share = min((misfit - just) / RAMP, 1.0)
+    most, all_of_it = MAX_NETD_K / cube.netd_k, misfit * (MORE_OF_FEW if few else MORE)
+    noise = min(round(all_of_it**share, 3), most)
+    doubt = min(DOUBT * share**0.5 * all_of_it, most)
+    return found._replace(noise=noise, misfit=misfit, doubt=doubt) if noise > 1 else found
 
 
 class _Scene(NamedTuple):

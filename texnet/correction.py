@@ -17,19 +17,20 @@ DARKEST = 0.05  # what is left of a radiance, at least
 
 class Calibration(NamedTuple):
     """Gain, offset in K at 300 K, noise over what it is said to be, how little misfits even where
-    most fits, in noise units as stated, at least 1; and the bands' gains among each other, () of
-    bands that agree."""
+    most fits, at least 1, and by how much all radiance may be off together for it, both in noise
+    units as stated; and the bands' gains among each other, () of bands that agree."""
 
     gain: float = 1.0
     offset_k: float = 0.0
     noise: float = 1.0
     misfit: float = 1.0
+    doubt: float = 0.0
     bands: tuple[float, ...] = ()
 
     @property
     def keeps_radiance(self):
         """Whether nothing is wrong but the noise."""
-        return self._replace(noise=1.0, misfit=1.0) == RIGHT
+        return self._replace(noise=1.0, misfit=1.0, doubt=0.0) == RIGHT
 
     def of_bands(self, n):
         """(n,) the gains among each other of so many bands."""

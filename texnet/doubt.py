@@ -80,14 +80,13 @@ def sigma_among_neighbours(sigma, temperature, material):
 
 def doubt_k(c, cube):
     """By how much the radiance of a corrected cube may still be off in all pixels together, K at
-    300 K: where bands are wrong among each other by about what was called noise, and by a share of
-    what they were corrected by."""
-    noise = cube.netd_k * (1 - 1 / c.noise)
+    300 K: by what fitted nothing, and a share of what the bands were corrected by."""
+    unfit = c.doubt * cube.netd_k / c.noise
     if c.keeps_radiance:
-        return noise
+        return unfit
     w = cube.wavelength_um
     off = (c.of_bands(cube.bands) - 1) * radiance(w, 300.0) / radiance_derivative(w, 300.0)
-    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + noise**2))
+    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + unfit**2))
 
 
 def with_calibration_error(sigma, temperature, wavelength_um, error_k):
