@@ -23,7 +23,7 @@ SHARES = {"within_2_sigma": "in 2 sigma", "material_accuracy": "right", "abstent
 FAULT = 1.1
 HEAD = """# The atlas in figures
 
-    texnet bench stability --out stability      # half an hour on two cores
+    texnet bench stability --out stability      # an hour on two cores
 
 writes this page, `atlas.md`, with `atlas.png`. One difficulty at a time is turned up, see
 `benchmarks/stability.py`; 54 bands and 50 mK unless that is the difficulty. Means over the scenes

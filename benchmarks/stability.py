@@ -80,7 +80,7 @@ class View:
         return replace(_traced(self.name, self.seed, self.mirror), seed=self.draw)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _traced(name, seed, mirror):
     scene = preset(name, seed)
     scene = replace(scene, objects=[replace(o, mirror=mirror) for o in scene.objects])
@@ -100,7 +100,9 @@ class Case:
     said_k: float = 0.0  # kelvin of calibration error that are stated
 
 
-OUTDOORS = View("random", BASE_SEED["test"] + 1), View("forest", 7)
+OUTDOORS = tuple(View("random", BASE_SEED["test"] + i) for i in (1, 2)) + (
+    View("forest", 7), View("street", 7)
+)  # fmt: skip
 INDOORS = (View("room", 7),)
 
 # --- the axes -----------------------------------------------------------------------------

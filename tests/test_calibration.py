@@ -298,6 +298,8 @@ def test_it_must_gain_enough_and_more_than_the_other_kind():
     # where nothing fits, the noise is more, in whatever the gain is
     nothing = of(3.0, 0.0, residual=1.7)
     assert as_stated(nothing) == (6.8, 1.7) and nothing.gain == 1
+    # which may put all pixels off together, by more than one pixel's noise
+    assert doubt_k(nothing, HeatCube(np.full((2, 1, 1), 8.0), W[:2], None, 0.05 * 6.8)) > 0.05 * 6.8
     assert as_stated(of(0.0, 0.0, residual=1.6)) == (6.4, 1.6)
     assert of(0.0, 0.0, residual=1.25) == RIGHT  # of 12 bands
     assert of(0.0, 0.0, residual=0.9) == RIGHT

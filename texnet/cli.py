@@ -257,7 +257,7 @@ def _parser():
     p = add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
 
-    text = "where methods fail, and whether they say so; half an hour"
+    text = "where methods fail, and whether they say so; an hour"
     p = add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     text = "accuracy against time beside the peers; 17 minutes"
