@@ -15,21 +15,24 @@
    directions; `skylight_spread`: how the extrapolated skies change with the air temperature.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
-the time does not grow with the cube.
+the time does not grow with the cube; none of them is dead, saturated or far hotter than all others.
 """
 
 import numpy as np
 from sklearn.cluster import KMeans
 
 from .bands import quadrature
-from .dead_pixels import lit
+from .dead_pixels import MOST, lit
 from .environment import Environment
 from .errors import InputError
+from .heat_cube import HeatCube
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
+from .saturation import saturated
 from .sky import continuum
 
 SAMPLES = 6000
+HOTTEST, FAR_K = 0.02, 50.0  # of the pixels, that are so much hotter than the others: none's light
 SKY_CLUSTERS = 12
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
 # what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
@@ -37,6 +40,9 @@ AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
 MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
 # misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY
 SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
+# beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
+# allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out
+OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BANDS = 13.0, 0.65, 8.4, 4
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with fewer than three bands, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, 0.2
@@ -85,15 +91,18 @@ class Sample:
 
     def __init__(self, cube, library, seed=0):
         self.cube, self.library, self.seed = cube.with_netd(), library, seed
-        pixels = cube.shape[0] * cube.shape[1]
+        sound = np.flatnonzero(~cube.dead) if cube.dead.any() else cube.dead.size
+        pixels = cube.dead.size - np.count_nonzero(cube.dead)
         rng = np.random.default_rng(seed)
-        pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
-        spectra = self.cube.pixels(pick) / self.cube.sigma
-        if not lit(spectra).all():
+        pick = np.sort(rng.choice(sound, min(pixels, SAMPLES), replace=False))
+        radiance = self.cube.pixels(pick)
+        if not lit(radiance).all():
             raise InputError(
                 "environment: the cube has bands or pixels without light; leave such bands out, as "
                 "physics.bad_bands.without_bad_bands does."
             )
+        tell = _telling(radiance, cube.wavelength_um)
+        pick, spectra = pick[tell], radiance[tell] / self.cube.sigma
         # K-means begins with what comes first: in this order, that is no matter of where pixels lie
         order = np.argsort(spectra.mean(axis=1), kind="stable")
         self.spectra, pick = spectra[order], pick[order]
@@ -130,7 +139,9 @@ class Sample:
             scene_k = np.median(brightness_temperature(cube.wavelength_um, spectra * cube.sigma))
             ratio = least_ratio(cube.wavelength_um, cube.fwhm_um, visible, seen, scene_k)
             ratios = ratio ** np.array(objects)
-            skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith)
+            # where no band is opaque, none shows how warm the air is
+            least_k = scene_k if cube.wavelength_um[-1] < OPAQUE_UM else 0.0
+            skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith, least_k)
             skies = skies / cube.sigma
             deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
             means = np.concatenate([skies.mean(axis=0), means])
@@ -156,6 +167,19 @@ class Sample:
         mean = sky.mean(axis=0)
         scatter = SKY_SPREAD_SCALE * _principal(sky - mean)
         return dict(sky_mean=mean * sigma, sky_spread=scatter * sigma)
+
+
+def _telling(radiance, wavelength_um):
+    """(n,) bool: which pixels of radiance (n, bands) tell what lights a scene: not the few that are
+    saturated or far hotter than all others."""
+    t = brightness_temperature(wavelength_um, radiance).mean(axis=1)
+    full = saturated(HeatCube(radiance.T[:, None], wavelength_um)).ravel()
+    hot = t > np.quantile(t, 1 - HOTTEST, method="lower") + FAR_K
+    tell = np.ones(len(t), bool)
+    for few in (full, hot):
+        if few.mean() <= MOST:
+            tell &= ~few
+    return tell
 
 
 def sky_clusters(cube, library, spectra, row, seed):
@@ -199,6 +223,11 @@ def _transmittance(cube, library):
 def _missing(wavelength_um, spectrum, opacity, scene_k):
     """How far below B(T_air) a sky-like spectrum falls in its clearest band, 0..1; 0 where a
     grey body fits nearly as well as a sky, of opacity (skies, bands)."""
+    ends_before = wavelength_um[-1] < OPAQUE_UM
+    beyond = wavelength_um > FLANK_UM
+    if ends_before and np.count_nonzero(beyond) >= LEAST_BANDS:
+        wavelength_um, spectrum = wavelength_um[beyond], spectrum[beyond]
+        opacity = opacity[:, beyond]
     t = brightness_temperature(wavelength_um, spectrum)
     air_k = np.linspace(t.max() - 2, max(t.max() + 12, scene_k), 20)[:, None, None]
     glow = radiance(wavelength_um, air_k)
@@ -211,7 +240,8 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
     bands = wavelength_um.size
-    most = SKY_OVER_GREY if bands < MANY else SKY_OVER_GREY_OF_MANY
+    most = SKY_OVER_GREY_OF_WINDOW if ends_before else SKY_OVER_GREY_OF_MANY
+    most = SKY_OVER_GREY if bands < MANY else most
     return 1 - opacity[j].min() if sky < most * grey or bands < 3 else 0.0
 
 

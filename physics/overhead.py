@@ -34,14 +34,15 @@ OVERHEAD = 0.6  # air masses of the clearest sky: less than 1, as the air may be
 NEAREST, FARTHEST = 3.0, 20.0  # air masses of the sky in view; what seems nearer is drier air
 
 
-def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance):
+def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance, least_k=0.0):
     """Skies (excess, ratios, bands) at air masses of ratios times that of a visible one.
 
     wavelength_um (bands,) um; sky (n, bands) spectra of the visible sky's pixels, noise (bands,)
     their standard deviation and seen (bands,) the spectrum to start from, W m-2 sr-1 um-1;
-    zenith_transmittance (bands,) about. One sky per AIR_EXCESS_K.
+    zenith_transmittance (bands,) about; least_k K, below which the air is not. One sky per
+    AIR_EXCESS_K.
     """
-    air_k = air_temperature(wavelength_um, sky, seen)
+    air_k = max(air_temperature(wavelength_um, sky, seen), least_k)
     skies = []
     for excess in AIR_EXCESS_K:
         glow = radiance(wavelength_um, air_k + excess)

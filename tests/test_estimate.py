@@ -51,6 +51,38 @@ def test_the_sky_is_found_outdoors(name):
     assert level[list(e.sky)].max() < level[others].min()
 
 
+@pytest.mark.parametrize("name", OUTDOORS)
+@pytest.mark.parametrize("last_um", [11.8, 12.4, 13.0])
+def test_the_sky_is_found_by_cameras_that_see_no_opaque_band(name, last_um):
+    cube, truth = traced(name, 54)
+    e = estimate_environment(cube.only(cube.wavelength_um < last_um), LIBRARY)
+    whole = estimate_environment(cube, LIBRARY)
+    assert len(e.sky) == len(whole.sky)
+    t, of_whole = (
+        brightness_temperature(e.wavelength_um, of.sky_mean[: len(e.wavelength_um)])
+        for of in (e, whole)
+    )
+    assert np.abs(t - of_whole).max() < 5
+
+
+@pytest.mark.parametrize("name", OUTDOORS)
+@pytest.mark.parametrize("stuck", [False, True])
+def test_a_few_pixels_that_are_far_too_hot_light_nothing(name, stuck):
+    """A detector's defects; whether they share one value, which then is a ceiling, or not."""
+    cube, _ = traced(name)
+    rng = np.random.default_rng(0)
+    bad, s = rng.random(cube.shape) < 0.01, cube.radiance.copy()
+    s[:, bad] = 30.0 if stuck else rng.uniform(27, 33, (cube.bands, np.count_nonzero(bad)))
+    a, b = (estimate_environment(c, LIBRARY) for c in (cube, replace(cube, radiance=s)))
+    assert a.sky == b.sky
+    t, without = (
+        brightness_temperature(cube.wavelength_um, np.vstack([e.radiance, e.sky_mean]))
+        for e in (b, a)
+    )
+    assert t.max() < without.max() + 2
+    assert np.abs(t[-1] - without[-1]).max() < 1  # K-means of other pixels is a little other
+
+
 @pytest.mark.parametrize("centres", [(9.4, 10.4, 13.0), (9.0, 11.0, 13.0), (9.6, 11.0, 13.0)])
 def test_the_sky_is_found_through_wide_filters_with_a_strong_line_in_them(centres):
     """Ozone, at 9.6 um, is opaque in its middle; a filter of 2 um around it is nearly clear."""
