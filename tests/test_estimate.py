@@ -80,7 +80,7 @@ def test_a_few_pixels_that_are_far_too_hot_light_nothing(name, stuck):
         for e in (b, a)
     )
     assert t.max() < without.max() + 2
-    assert np.abs(t[-1] - without[-1]).max() < 1  # K-means of other pixels is a little other
+    assert np.abs(t[-1] - without[-1]).max() < 3  # with none left out there is no sky at all
 
 
 @pytest.mark.parametrize("centres", [(9.4, 10.4, 13.0), (9.0, 11.0, 13.0), (9.6, 11.0, 13.0)])
