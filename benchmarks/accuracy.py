@@ -35,7 +35,7 @@ from training.scenes import BASE_SEED
 BANDS = (4, 9, 18, 54, 100)
 PRESETS = ("forest", "street", "patterned", "patches")
 RANDOM_SCENES, SIZE, SPP, NETD_K, K = 24, (128, 160), 64, 0.05, 5
-THREADS = 2
+THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 ERRORS = (
     "temperature_rmse_k", "temperature_mae_k", "material_accuracy", "mean_iou", "cross_entropy",
     "texture_correlation",

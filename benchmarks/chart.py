@@ -62,7 +62,7 @@ from texnet.metrics import correlation, evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
 from texnet.weights import load_network
 
-BANDS, THREADS = (4, 18, 54), 2
+BANDS, THREADS = (4, 18, 54), min(2, numba.config.NUMBA_NUM_THREADS)
 RANDOM_SCENES, PRESETS = 5, ("forest",)
 # of refinement, beside the one that ships
 STEPS = {f"net+sgd, {n} steps": n for n in (2, 5, 10)}

@@ -60,7 +60,8 @@ from physics.whole_file import whole_file
 from texnet.learned import torch_model
 from texnet.pipeline import decompose
 
-FRAME, BANDS, K, NETD_K, THREADS = (1080, 1920), 54, 4, 0.05, 2
+FRAME, BANDS, K, NETD_K = (1080, 1920), 54, 4, 0.05
+THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 PIECE = 2  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 30
 PART = 544, 960

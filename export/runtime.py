@@ -5,13 +5,13 @@ tile, several at once: each by one thread, which wastes less than many threads o
 """
 
 import json
-import os
 
 import numpy as np
 import onnxruntime
 
 from physics.by_tiles import by_tiles
 from physics.errors import InputError
+from physics.threads import cores
 from physics.tiles import MOST_AT_ONCE, TILE_BYTES
 
 OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
@@ -36,7 +36,7 @@ class Runtime:
     def __init__(self, path, threads=None):
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
-        self._threads = threads or min(os.cpu_count(), MOST_AT_ONCE)
+        self._threads = threads or min(cores(), MOST_AT_ONCE)
         options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too
         # planning what may share memory takes four times as long as all else here, and saves none

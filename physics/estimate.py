@@ -70,8 +70,11 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     """
     if method not in ("kmeans", "halves"):
         raise InputError(f"environment: method must be kmeans or halves, got {method!r}.")
-    if k < 1 or (method == "halves" and k != 2):
-        raise InputError(f"environment: k must be at least 1, and 2 for halves; got {k}.")
+    whole = isinstance(k, (int, np.integer)) and k >= 1
+    if not whole or (method == "halves" and k != 2):
+        raise InputError(
+            f"environment: k must be a whole number, at least 1, and 2 for halves; got {k!r}."
+        )
     if method == "halves" and cube.shape[0] < 2:
         raise InputError("environment: halves needs a picture of at least two rows.")
     pixels = cube.shape[0] * cube.shape[1]

@@ -80,8 +80,10 @@ class HeatCube:
     dead: np.ndarray | None = None
 
     def __post_init__(self):
-        s = np.asarray(numbers(self.radiance, "cube: radiance"), dtype=np.float32)
-        if s.flags.writeable:
+        given = numbers(self.radiance, "cube: radiance")
+        with np.errstate(over="ignore"):  # infinite, and so said to be
+            s = np.asarray(given, dtype=np.float32)
+        if s.flags.writeable and np.may_share_memory(s, given):
             s = s.copy()
         w = check_wavelength(self.wavelength_um, "cube")
         if s.ndim != 3 or 0 in s.shape:

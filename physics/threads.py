@@ -1,6 +1,12 @@
 """Many items, some at a time, in threads: for work that leaves the interpreter to others."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor, as_completed
+
+
+def cores():
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 def in_threads(work, items, threads, progress=None):

@@ -229,7 +229,6 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
         (dict(samples="4.0"), "samples must be a whole number"),
         (dict(samples="9" * 5000), "samples must be a whole number"),
         (dict(samples=None), "the field samples is missing"),
-        (dict(byte_order=None), "the field byte order is missing"),
         (dict(byte_order=2), "byte order must be 0"),
         (dict(interLEAVE=""), "not ''"),
         (dict(data_type=6), "data type 6 is no real number"),
@@ -474,10 +473,21 @@ def test_npy(tmp_path, in_parts, order, flag, ends):
     assert "6 bands of 8 x 8 pixels" in note
 
 
+@pytest.mark.parametrize("axes, right", [((0, 1, 2), True), ((1, 2, 0), False), ((1, 0, 2), False)])
+def test_axes_in_another_order_show(tmp_path, axes, right):
+    """Narrow pictures of many bands, too: the numbers tell, not the shape."""
+    w = np.linspace(8, 14, 30)
+    t = 280 + 10 * np.random.default_rng(0).random((9, 6))
+    s = 0.95 * radiance(w[:, None, None], t) + 0.05 * radiance(w[:, None, None], 250.0)
+    np.save(tmp_path / "a.npy", s.transpose(axes))
+    cube, note = import_cube(tmp_path / "a.npy", "W/m2/sr/um", wavelengths_um=(8, 14))
+    assert cube.bands == s.transpose(axes).shape[0]
+    assert ("are the order of axes and bands" not in note) == right
+
+
 @pytest.mark.parametrize(
     "array, sentence",
     [
-        (np.ones((8, 9, 6)), "8 x 9 x 6, which looks like height x width x bands"),
         (np.ones((6, 9)), "three axes"),
         (1j * S, "real numbers"),
         (np.array([["a"]]), "real numbers"),
@@ -606,9 +616,16 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
     path = envi(tmp_path / "a", 100 * S, **{key.replace(" ", "_"): "Microflick"})
     check_same(import_cube(path)[0])
     check_same(import_cube(path, "uW/cm2/sr/um")[0])
+    check_same(import_cube(envi(tmp_path / "a", 100 * S, data_units="uW/cm^2/sr/um"))[0])
     path = envi(tmp_path / "a", S, **{key.replace(" ", "_"): "DN"})
-    with pytest.raises(InputError, match="does not say which unit"):
+    with pytest.raises(InputError, match="says 'DN'; give --unit"):
         import_cube(path)
+    with pytest.raises(InputError, match="says not which unit"):
+        import_cube(envi(tmp_path / "a", S))
+
+
+def test_a_header_without_byte_order_is_little_endian(tmp_path):
+    check_same(import_cube(envi(tmp_path / "a", S, byte_order=None), "W/m2/sr/um")[0])
 
 
 def test_bands_are_said_once(tmp_path, capfd):

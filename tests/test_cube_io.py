@@ -1,5 +1,9 @@
 """Cubes on disk: what goes in comes out, in our units, or a clear sentence."""
 
+import os
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import OpenEXR
 import pytest
@@ -276,3 +280,14 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, cube, monkeypatch):
         write_cube(cube, path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_many_threads_may_read_at_once(tmp_path, cube):
+    """OpenEXR's words are kept from stdout and stderr, which all threads share."""
+    write_cube(cube, tmp_path / "a.exr")
+    before = sys.stdout, os.fstat(2)
+    with ThreadPoolExecutor(4) as pool:
+        read = list(pool.map(read_cube, 40 * [tmp_path / "a.exr"]))
+    assert (sys.stdout, os.fstat(2)) == before
+    for one in read:
+        np.testing.assert_array_equal(one.radiance, cube.radiance)

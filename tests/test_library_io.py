@@ -506,3 +506,22 @@ def test_no_curve_is_drawn_over_a_gap(tmp_path):
     for w in (np.arange(6.8, 15), 1e4 / np.arange(400, 4001, 20)):
         path = write_csv(tmp_path / "b.csv", "wavelength_um", w, np.full((3, w.size), 0.9))
         assert import_library(path)[0].wavelength_um.size == w.size
+
+
+@pytest.mark.parametrize("change, warning", [(lambda e: 1 - e, "reflectances"), (None, "")])
+def test_reflectance_taken_for_emissivity_is_said(tmp_path, change, warning):
+    e = np.linspace(0.8, 0.97, 3)[:, None] + np.zeros((3, 7))
+    w = np.linspace(8, 14, 7)
+    e = change(e) if change else e
+    path = write_csv(tmp_path / "a.csv", "wavelength_um", w, e, list("abc"))
+    note = import_library(path)[1]
+    assert ("Warning" in note) == bool(warning) and warning in note
+
+
+def test_a_library_of_one_s_own_can_be_looked_at(tmp_path, capsys):
+    path = tmp_path / "l.json"
+    MaterialLibrary(["quartzite", "mud"], [8, 14], [[0.7, 0.9], [0.95, 0.96]]).save(path)
+    for words in (["list"], ["show", "mud"]):
+        assert main(["library", *words, "--library", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "quartzite" in out and "14.000  0.9600" in out and "granite" not in out

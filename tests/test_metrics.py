@@ -156,6 +156,19 @@ def test_panchromatic_integrates_over_wavelength():
     np.testing.assert_allclose(panchromatic(HeatCube(s[:1], w[:1])), 16)
 
 
+def test_principal_components_are_those_of_all_bands_at_once():
+    rng = np.random.default_rng(0)
+    s = 8 + rng.normal(size=(5, 2)) @ rng.normal(size=(2, 6 * 7)) * 0.1
+    cube = HeatCube(s.reshape(5, 6, 7), np.linspace(8, 14, 5))
+    x = cube.spectra - cube.spectra.mean(axis=0)
+    variance, axes = np.linalg.eigh(x.T.astype(float) @ x)
+    found = principal_components(cube).reshape(3, -1)
+    for i in range(2):
+        axis = axes[:, -1 - i]
+        np.testing.assert_allclose(found[i], x @ axis * np.sign(axis.sum()), atol=1e-5)
+    assert np.abs(found[2]).max() < 1e-5 and found[0] @ cube.spectra.sum(axis=1) > 0
+
+
 def test_clahe_brings_out_local_contrast():
     ramp = np.linspace(0, 1, 128)[:, None] + 0.01 * (np.arange(128) % 2)
     out = clahe(ramp)

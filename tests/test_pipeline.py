@@ -258,6 +258,22 @@ def test_few_bands_make_it_doubt_its_materials():
     assert doubt[2] > 0.7
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_all_of_one_temperature_is_unknown(method):
+    """Thermal crossover: where all is as warm as its surroundings, S = B(T), whatever e is."""
+    w = np.linspace(8, 14, 20)
+    noise = noise_sigma(w, 0.05)[:, None, None] * np.random.default_rng(0).normal(size=(20, 24, 32))
+    d = decompose(HeatCube(radiance(w, 290.0)[:, None, None] + noise, w, None, 0.05), method=method)
+    assert d.unknown.mean() > 0.95
+    assert np.abs(d.temperature_k - 290).max() < 1
+
+
+@pytest.mark.parametrize("wrong", [np.ones((5, 54)), "sky", 3])
+def test_an_environment_of_another_type_gets_a_sentence(wrong):
+    with pytest.raises(InputError, match="environment must be an Environment"):
+        decompose(answer("local", 2, 9)[1], environment=wrong)
+
+
 @pytest.mark.parametrize("hot_k", [900.0, 1500.0])
 def test_a_fire_does_not_blur_all_else(hot_k):
     """A pixel far hotter than all others leaves their answers nearly as they are."""

@@ -1,11 +1,16 @@
 """A file is written whole or not at all, where its links lead, and never over what is read."""
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from physics import InputError
 from physics.whole_file import check_writable, whole_file
+
+ROOT = Path(__file__).parent.parent
 
 
 def write(path, text):
@@ -74,3 +79,19 @@ def test_a_name_that_says_something_else_is_refused(tmp_path):
     check_writable(tmp_path / "a.ONNX", suffix=".onnx")
     with pytest.raises(InputError, match="must end in .onnx"):
         check_writable(tmp_path / "a.txt", suffix=".onnx")
+
+
+def test_what_is_half_written_goes_when_the_process_is_told_to_end(tmp_path):
+    """As schedulers and `timeout` tell it, by SIGTERM."""
+    code = (
+        "import os, signal, sys, texnet.cli\n"
+        "from pathlib import Path\n"
+        "from physics.whole_file import whole_file\n"
+        "sys.argv = ['texnet', 'library', 'list']\n"
+        "texnet.cli.main()\n"
+        f"with whole_file(Path({str(tmp_path / 'a.txt')!r})) as part:\n"
+        "    Path(part).write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
+    assert done.returncode == 143 and list(tmp_path.iterdir()) == []

@@ -34,7 +34,8 @@ metrics     the one module of metrics
 stretch     the one contrast stretch
 progress    a progress bar
 loading     packages load undisturbed
-cli         the command line; what its commands do is in commands and decompose_command
+cli         the command line (and __main__); what its commands do is in commands and
+            decompose_command
 """
 
 from importlib import import_module

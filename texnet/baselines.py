@@ -5,10 +5,12 @@ Every picture that TeX vision makes is compared with these three.
 
 import numpy as np
 
-from physics.heat_cube import sampling_step
+from physics import scratch
 
 from .metrics import texture_correlation
 from .stretch import stretch
+
+SAMPLES = 20_000  # pixels that principal components are found from
 
 
 def panchromatic(cube):
@@ -16,10 +18,9 @@ def panchromatic(cube):
 
     The trapezoid rule over wavelength; a single band counts as 1 um wide.
     """
-    s = cube.radiance.astype(np.float64)
-    if cube.bands == 1:
-        return s[0]
-    return np.trapezoid(s, cube.wavelength_um, axis=0)
+    step = np.diff(cube.wavelength_um)
+    weight = (np.append(0, step) + np.append(step, 0)) / 2 if cube.bands > 1 else np.ones(1)
+    return _weighted(cube, weight[None])[0]
 
 
 def clahe(picture):
@@ -42,22 +43,30 @@ def clahe(picture):
 def principal_components(cube):
     """First three principal components of the spectra: (3, height, width) float64.
 
-    Fitted on some 20000 evenly spaced pixels. A component's sign is arbitrary; here it
+    Fitted on some SAMPLES evenly spaced pixels. A component's sign is arbitrary; here it
     is the one that correlates positively with brightness, so that pictures reproduce.
     Components that the cube has no bands or pixels for are zero.
     """
     from sklearn.decomposition import PCA
 
-    spectra = cube.spectra.astype(np.float64)
-    sample = spectra[:: sampling_step(cube.shape, 20000)]
+    sample = cube.sample(SAMPLES)
     n = min(3, *sample.shape)
     with np.errstate(invalid="ignore"):  # shares of a variance that is 0; they are not used
         pca = PCA(n_components=n, svd_solver="full").fit(sample)
-    scores = pca.transform(spectra).T
-    scores *= np.where(pca.components_.sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    out = np.zeros((3, len(spectra)))
-    out[:n] = scores
-    return out.reshape(3, *cube.shape)
+    weights = np.zeros((3, cube.bands))
+    weights[:n] = pca.components_ * np.where(pca.components_.sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    return _weighted(cube, weights, pca.mean_)
+
+
+def _weighted(cube, weights, mean=None):
+    """(n, height, width) sums over the bands of weights (n, bands) times radiance less its mean
+    (bands,), band by band: the cube may be larger than memory."""
+    out = np.zeros((len(weights), *cube.shape))
+    for b, band in enumerate(scratch.parts(cube.radiance)):
+        off = band.astype(np.float64) - (0.0 if mean is None else mean[b])
+        for to, weight in zip(out, weights[:, b], strict=True):
+            to += weight * off
+    return out
 
 
 def baseline_correlations(cube, truth):

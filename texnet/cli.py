@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+import signal
 import sys
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +32,8 @@ K = 5  # objects of the environment
 
 def main(argv=None):
     """Run one command; returns the exit code: 0, 2 for wrong input, 130 for Ctrl-C."""
+    if argv is None:  # what is half written goes before the process does
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     for stream in (sys.stdout, sys.stderr):  # a file's name may be beyond its encoding
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
@@ -278,9 +281,12 @@ def _parser():
 
     p = of_texnet.add_parser("library", help="the starter library of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    add(actions, "list", commands.library_list, "name every material")
+    of = "another library than the one that ships"
+    p = add(actions, "list", commands.library_list, "name every material")
+    p.add_argument("--library", metavar="FILE", type=Path, help=of)
     p = add(actions, "show", commands.library_show, "one material: sources and emissivity")
     p.add_argument("name", metavar="NAME")
+    p.add_argument("--library", metavar="FILE", type=Path, help=of)
     p = add(actions, "rebuild", commands.library_rebuild, "compute it from optical constants")
     p.add_argument(
         "--out", metavar="FILE", type=Path,

@@ -119,8 +119,12 @@ def bands(args):
     }  # fmt: skip
 
 
+def _library(args):
+    return MaterialLibrary.load(args.library) if args.library else MaterialLibrary.starter()
+
+
 def library_list(args):
-    library = MaterialLibrary.starter()
+    library = _library(args)
     mean = library.emissivity.mean(axis=1)
     lines = [f"{n:24s} mean emissivity {e:.3f}" for n, e in zip(library.names, mean, strict=True)]
     rows = [{"name": n, "mean_emissivity": e} for n, e in zip(library.names, mean, strict=True)]
@@ -128,7 +132,7 @@ def library_list(args):
 
 
 def library_show(args):
-    library = MaterialLibrary.starter()
+    library = _library(args)
     i = library.index(args.name)
     curve = list(zip(library.wavelength_um, library.emissivity[i], strict=True))
     step = max(1, len(curve) // 16)

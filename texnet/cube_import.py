@@ -68,10 +68,8 @@ def import_cube(
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
         raw = part_of(raw, rows, columns, range_um)
         if raw.unit is None and unit is None:
-            raise InputError(
-                f"cube: {path} does not say which unit its radiance has; give --unit, one of "
-                f"{', '.join(UNITS)}."
-            )
+            says = f"{raw.unit_said!r}" if raw.unit_said else "not which unit its radiance has"
+            raise InputError(f"cube: {path} says {says}; give --unit, one of {', '.join(UNITS)}.")
         cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
     except OSError as e:
         raise InputError(f"cube: cannot read {e.filename or path}: {e.strerror or e}.") from e
@@ -212,12 +210,6 @@ def _read_npy(path):
         raise InputError(f"cube: {path} is not a whole npy file of plain numbers.") from e
     if s.dtype.kind not in "fiu" or s.ndim != 3:
         raise InputError(f"cube: {path} must hold one array of real numbers with three axes.")
-    if s.shape[2] < s.shape[0]:
-        raise InputError(
-            f"cube: {path} is {' x '.join(map(str, s.shape))}, which looks like height x width x "
-            "bands; save it bands first, np.moveaxis(s, -1, 0), or as .npz with radiance and "
-            "wavelength_um."
-        )
     return RawCube("npy (bands x height x width)", lambda: open_memmap(path, mode="r"))
 
 

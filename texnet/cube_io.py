@@ -16,6 +16,7 @@ and, if known, fwhm_um (bands,) and netd_k (a scalar; NaN: not known).
 import io
 import os
 import re
+import threading
 import zipfile
 from contextlib import contextmanager, redirect_stdout
 from decimal import Decimal
@@ -78,6 +79,8 @@ def write_cube(cube, path):
     """Write a HeatCube to path, .exr or .npz, whole or not at all."""
     path = Path(path)
     _, write = _format(path)
+    if not isinstance(cube, HeatCube):
+        raise InputError(f"cube: write_cube takes a HeatCube, got {type(cube).__name__}.")
     with whole_file(path) as part:
         write(cube, part)
 
@@ -164,7 +167,8 @@ def unpacked(path, key):
                 values = np.frombuffer(npy.read(part.size * dtype.itemsize), dtype)
                 if len(values) < len(part):
                     raise EOFError
-                part[:] = values
+                with np.errstate(over="ignore"):  # infinite, and so said to be
+                    part[:] = values
                 scratch.release(radiance)
             npy.read(1)  # at its end the checksum is looked at
     except InputError:
@@ -193,9 +197,18 @@ def _write_npz(cube, path):
 # --- spectral OpenEXR --------------------------------------------------------------------
 
 
+_ALONE = threading.Lock()  # both are the process's, not a thread's
+
+
 @contextmanager
 def _quiet_library():
     """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's)."""
+    with _ALONE, _redirected():
+        yield
+
+
+@contextmanager
+def _redirected():
     saved, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:

@@ -260,11 +260,11 @@ def _summary(r):
             right += f" (the library lacks {lacks})"
         if math.isnan(m["material_accuracy"]):
             right = f"materials not compared: the library lacks {lacks} of the truth"
-        lines += [
-            "Against the truth beside the cube:",
-            f"             temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)",
-            f"             {right}",
-        ]
+        lines.append("Against the truth beside the cube:")
+        if math.isfinite(m["temperature_rmse_k"]):  # all sky has none
+            off = f"temperature off by {m['temperature_rmse_k']:.2f} K (root mean square)"
+            lines.append(f"             {off}")
+        lines.append(f"             {right}")
         if math.isfinite(m["texture_correlation"]):
             lines.append(
                 f"             sky-lit texture correlates at {m['texture_correlation']:.2f} "

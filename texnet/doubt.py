@@ -16,6 +16,7 @@ CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 LIKELY, NET_LIKELY = 0.5, 0.3
 SURE = 0.7  # likewise where what is wrong was called noise, of which probabilities know too little
 OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
+EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel that says nothing
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
 # and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about
 # as often as their probability says

@@ -65,11 +65,12 @@ def read_envi(path):
     if axis is None:
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored(dtype)
-    said = header.word("data units", header.word("units", "")).lower()
-    unit = next((u for u in UNITS if u.lower() == said), None)
+    said = header.word("data units", header.word("units", ""))
+    unit = next((u for u in UNITS if u.lower() == re.sub(r"[\s^()]", "", said.lower())), None)
     return RawCube(
         f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, unit, gain, offset,
         good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint, words=(*words, *scaled),
+        unit_said=said[:60],
     )  # fmt: skip
 
 
@@ -166,7 +167,7 @@ def _numbers(header, binary, kinds):
         if np.any(header.numbers(key)):
             raise header.error(f"{key} is not known here; save the cube without")
     dtype = np.dtype(DTYPES[kind])
-    order = header.whole("byte order", 0 if dtype.itemsize == 1 else None)
+    order = header.whole("byte order", 0)  # as most computers have it
     if order > 1:
         raise header.error("byte order must be 0 (little) or 1 (big)")
     dtype = dtype.newbyteorder("<>"[order])
@@ -212,7 +213,7 @@ class _Header:
         with open(path, "rb") as file:
             raw = file.read(MOST_HEADER + 1)
         lines = iter(raw.decode("utf-8-sig", "replace").splitlines())
-        if len(raw) > MOST_HEADER or next(lines, "").strip() != "ENVI":
+        if len(raw) > MOST_HEADER or next(lines, "").strip().upper() != "ENVI":
             raise self.error("its first line must be ENVI")
         self.fields = {}
         for line in lines:

@@ -13,6 +13,7 @@ from physics.tiles import TILE_BYTES, run_tiled
 
 from .doubt import (
     AIR_SIGMA_K,
+    EVEN,
     LIKELY,
     LOCAL_TRUST,
     OTHER_K,
@@ -108,7 +109,8 @@ def _maps(radiance, library, environment, model, local, answer, trust, threads):
     own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
     own = own[p, state.material] / own.sum(axis=1)
     known = fits(residual, bands)
-    known &= (probability[p, state.material] >= LIKELY) & (own >= OWN_PROBABILITY) & (t > 0)
+    least = max(OWN_PROBABILITY, min(EVEN / len(library), LIKELY))
+    known &= (probability[p, state.material] >= LIKELY) & (own >= least) & (t > 0)
     maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )

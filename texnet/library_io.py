@@ -31,6 +31,7 @@ from .envi import read_spectra
 from .mat_file import read_mat
 
 DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
+DARK, BRIGHT = 0.5, 0.99  # means of emissivity that not all of a library's solids have
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
 MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
@@ -89,7 +90,18 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     elif SKY not in names:
         words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
     note = "; ".join([*words, *clipped, *words_on_sky])
-    return library, f"{path}: {note}."
+    return library, f"{path}: {note}.{_unusual(library)}"
+
+
+def _unusual(library):
+    """A warning where no curve is like a solid's; else ""."""
+    solids = [i for i in range(len(library)) if i != library.sky_index]
+    mean = library.emissivity[solids].mean(axis=1) if solids else np.array([0.9])
+    if mean.max() < DARK:
+        return f"\nWarning: no emissivity is {DARK} in the mean; are these reflectances, 1 - e?"
+    if mean.min() > BRIGHT:
+        return f"\nWarning: all emissivities are above {BRIGHT} in the mean; are they in percent?"
+    return ""
 
 
 def with_sky(library):

@@ -147,7 +147,7 @@ def decompose(
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
     """
-    _check(cube, library, method, k, seed, calibration_error_k)
+    _check(cube, library, environment, method, k, seed, calibration_error_k)
     library = library or MaterialLibrary.starter()
     seconds, clock = {}, time.perf_counter()
 
@@ -227,7 +227,7 @@ def _doubted(maps, cube, shown, calibration_error_k, untold):
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 
 
-def _check(cube, library, method, k, seed, calibration_error_k):
+def _check(cube, library, environment, method, k, seed, calibration_error_k):
     """Raise InputError where an argument of decompose is wrong."""
     if not isinstance(cube, HeatCube):
         raise InputError(
@@ -238,6 +238,11 @@ def _check(cube, library, method, k, seed, calibration_error_k):
         raise InputError(
             f"decompose: library must be a MaterialLibrary, as MaterialLibrary.load reads one, got "
             f"{type(library).__name__}."
+        )
+    if not isinstance(environment, Environment | None):
+        raise InputError(
+            f"decompose: environment must be an Environment, as physics.Environment(radiance, "
+            f"wavelength_um) makes one, got {type(environment).__name__}."
         )
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")

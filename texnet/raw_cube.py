@@ -7,7 +7,8 @@ With n the file's numbers, per band
 where u makes W m-2 sr-1 of the file's unit and J = |d nu / d lambda| follows from
 nu = 1e4 / lambda (cm-1, um). A width d nu becomes d nu / J. Bands that the file calls bad go, the
 others are sorted by wavelength. Whatever the unit, the scene has a brightness temperature, so that
-a wrong unit shows.
+a wrong unit shows; and in most pixels of a scene bands hardly differ in it, so that axes in another
+order show, too.
 """
 
 from collections.abc import Callable
@@ -36,6 +37,8 @@ PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; band centres in cm-1 have no such 
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
 ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
+UNEVEN_K = 2.5  # or less is their deviation in the EVENEST of the pixels of a scene
+EVENEST = 0.1
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 
@@ -55,6 +58,7 @@ class RawCube(NamedTuple):
     wanted   (bands,) bool, by the caller; None: all
     ignore   the number that stands for no measurement, or None
     hint     what to say where centre is missing
+    unit_said  what the file calls its unit
     words    more to tell the user
     """
 
@@ -71,6 +75,7 @@ class RawCube(NamedTuple):
     wanted: np.ndarray | None = None
     ignore: float | None = None
     hint: str = ""
+    unit_said: str = ""
     words: tuple = ()
 
 
@@ -231,6 +236,7 @@ def _typical_k(radiance, w, unit):
     step = sampling_step(radiance.shape[1:], SAMPLES)
     bands = scratch.parts(radiance)
     s = np.stack([band.reshape(-1)[::step].astype(np.float64) for band in bands])
+    uneven = _uneven(s, w)
     band, pixel = np.nonzero(lit(s))
     s, w = s[band, pixel], w[band]
     if not s.size:
@@ -244,17 +250,30 @@ def _typical_k(radiance, w, unit):
     here = typical_k(unit)
     kelvin = _like_kelvin(s / _to_our_unit(unit, jacobian))
     if USUAL_K[0] <= here <= USUAL_K[1]:
-        return f"{here:.0f} K", kelvin and f"\nWarning: {kelvin}"
+        return f"{here:.0f} K", (kelvin and f"\nWarning: {kelvin}") or uneven
     # by factor, so that two names of one unit are one
     fit = {UNITS[u]: (u, t) for u in UNITS if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.values()) or "no unit that is known fits"
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         return f"{here:.0f} K", (
             f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})? {kelvin}"
-        ).rstrip()
+        ).rstrip() + uneven
     raise InputError(
         f"cube: in {unit} half of it would be warmer than {here:.4g} K; give the right --unit "
         f"({fit}). {kelvin}".rstrip()
+    )
+
+
+def _uneven(s, w):
+    """A warning where spectra s (bands, n) are like those of no scene; else ""."""
+    s = s[:, lit(s).all(axis=0)]
+    if not s.size:
+        return ""
+    differ = np.quantile(brightness_temperature(w[:, None], s).std(axis=0), EVENEST)
+    return "" if differ <= UNEVEN_K else (
+        f"\nWarning: even in the pixels where they differ least, bands differ by {differ:.0f} K in "
+        "brightness temperature, as in pictures of metal or the sky alone; are the order of axes "
+        "and bands (for .npy: bands first), interleave, byte order and unit right?"
     )
 
 

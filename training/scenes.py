@@ -14,7 +14,6 @@ the scenes are made of the starter library, half of a library varied from it.
 
 import json
 import multiprocessing
-import os
 import signal
 import sys
 from contextlib import suppress
@@ -33,6 +32,7 @@ from physics.library import MaterialLibrary
 from physics.provenance import provenance
 from physics.simulator import simulate
 from physics.simulator.presets.random_scene import random_scene
+from physics.threads import cores
 from physics.whole_file import whole_file
 
 from .vary import vary
@@ -156,7 +156,7 @@ class SceneSet:
         with whole_file(self.folder / "made.json") as part:
             part.write_text(json.dumps(_in_words(self.settings), indent=2), encoding="utf-8")
         jobs = [(self.settings, self.split, i, self.path(i)) for i in missing]
-        for done, _ in enumerate(_in_processes(jobs, workers or os.cpu_count()), 1):
+        for done, _ in enumerate(_in_processes(jobs, workers or cores()), 1):
             if progress is not None:
                 progress(self.count - len(missing) + done, self.count)
 

@@ -26,6 +26,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 import physics
 import texnet
 from physics.provenance import provenance
+from physics.threads import cores
 from texnet.learned import check_device
 from texnet.network import TeXNet
 from texnet.weights import save_network
@@ -42,7 +43,7 @@ PER_EPOCH = 320  # draws between two checkpoints
 SCENES, VALIDATION_SCENES, EPOCHS = 1600, 40, 60
 VALIDATE_EVERY = 5  # epochs
 VALIDATION_SEED = 7
-WORKERS = os.cpu_count()  # processes that make draws
+WORKERS = cores()  # processes that make draws
 
 
 def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", progress=None):

@@ -9,7 +9,6 @@ Pixels are worked off in blocks, one per core at a time. A block's random number
 the seed and the block alone, so the result does not depend on how threads are timed.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
@@ -21,7 +20,7 @@ from ..heat_cube import MAX_NETD_K, HeatCube
 from ..library import SKY as SKY_NAME
 from ..planck import radiance
 from ..sky import Atmosphere
-from ..threads import in_threads
+from ..threads import cores, in_threads
 from ..truth import Truth
 from .daylight import daylight
 from .sensor import FLOOR_K, Bands, add_noise
@@ -105,7 +104,7 @@ class TracedScene:
             material[at] = result.material
             visible[at] = daylight(paths, albedo_rgb, self.spp, self.atmosphere is None)
 
-        in_threads(render, range(len(spans)), os.cpu_count(), progress)
+        in_threads(render, range(len(spans)), cores(), progress)
 
         floor = radiance(bands.wavelength_um[:, None], FLOOR_K)
         for light in (s, x):
@@ -211,7 +210,7 @@ def trace_scene(scene, size, spp, seed, library):
         raise InputError(f"simulate: the seed of a traced scene must be 0 to 2**64, got {seed}.")
     scene = trace_on_demand(scene, size, spp, seed, library)
     every = range(len(scene.blocks))
-    blocks = in_threads(scene.blocks.__getitem__, every, os.cpu_count())
+    blocks = in_threads(scene.blocks.__getitem__, every, cores())
     return replace(scene, blocks=tuple(blocks))
 
 
