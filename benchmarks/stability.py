@@ -152,6 +152,17 @@ def fewer_bands(view, library, bands):
     return Case(*shaded(view, library, bands), library)
 
 
+def bands_that_end_early(view, library, last_um):
+    """Of the bands of 8-14 um those to be had of many cameras, none of which is opaque."""
+    cube, truth = shaded(view, library)
+    held = cube.wavelength_um < last_um
+    truth = replace(
+        truth, emissivity=truth.emissivity[held], texture=truth.texture[held],
+        wavelength_um=truth.wavelength_um[held],
+    )  # fmt: skip
+    return Case(cube.only(held), truth, library)
+
+
 def noise(view, library, netd_k):
     return Case(*shaded(view, library, netd_k=netd_k), library)
 
@@ -335,6 +346,7 @@ AXES = {
         "share of T contrast, indoors", (1, 0.5, 0.2, 0.1, 0.03, 0), thermal_crossover, INDOORS
     ),
     "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
+    "bands end early": Axis("at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early),
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
     "sky out of view": Axis("share of sky rows cut off", (0, 0.3, 0.6, 0.9, 1), sky_out_of_view),
     "k at 54 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_54_bands),
