@@ -10,6 +10,8 @@
    from overhead, through less air. The clearest visible sky is extrapolated to smaller air
    masses (`overhead`): up to three objects (one for k = 2). Of the sky's pixels only those
    count whose neighbours are sky, too: leaves in a pixel fill the windows, as no air does.
+   Where none is in view, one can be assumed all the same: that of usual air about as warm as the
+   scene (`sky`), and how others deviate from it.
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
    directions; `skylight_spread`: how the extrapolated skies change with the air temperature.
@@ -17,6 +19,8 @@
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
 the time does not grow with the cube; none of them is dead, saturated or far hotter than all others.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from sklearn.cluster import KMeans
@@ -29,7 +33,7 @@ from .heat_cube import HeatCube
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
 from .saturation import saturated
-from .sky import continuum
+from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
 SAMPLES = 6000
 HOTTEST, FAR_K = 0.02, 50.0  # of the pixels, that are so much hotter than the others: none's light
@@ -52,18 +56,26 @@ MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is
 SKY_OBJECTS = ((), (0.3,), (0.6, 0.0), (0.6, 0.0), (1.0, 0.4, 0.0))
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
+# of a sky that is assumed: its air over the scene, K, its vapour over the usual, and the cosine of
+# the zenith angle, 0.6 being like a whole hemisphere (Elsasser 1942); first what is likeliest
+ASSUMED = (
+    (0.0, 1.0, 0.6), (-6.0, 1.0, 0.6), (6.0, 1.0, 0.6), (0.0, 0.4, 0.6), (0.0, 2.0, 0.6),
+    (0.0, 1.0, 1.0), (0.0, 1.0, 0.3),
+)  # fmt: skip
 ERROR_K = 0.3  # of X beyond all that
 ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them alone
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
-def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
+def estimate_environment(cube, library, k=5, method="kmeans", seed=0, assume_sky=False):
     """Estimate the Environment of a HeatCube.
 
     k        number of objects, the sky's among them; fewer come where spectra differ less
     method   "kmeans" as above; "halves": the averages of the upper and the lower half of
              the picture (k = 2), the upper one being the sky if there is any
     seed     of the subsample and of K-means
+    assume_sky  whether a usual sky is one of the objects of kmeans, if k is 2 or more and the
+             library has a sky, where none is in view
 
     Raises InputError for a wrong method or k, more objects than pixels, or a band without light
     (`bad_bands` leaves such bands out).
@@ -81,7 +93,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0):
     if k > pixels:
         raise InputError(f"environment: k = {k} objects need at least {k} pixels, got {pixels}.")
     sample = Sample(cube, library, seed)
-    return sample.environment(k) if method == "kmeans" else sample.halves()
+    return sample.environment(k, assume_sky) if method == "kmeans" else sample.halves()
 
 
 class Sample:
@@ -123,10 +135,13 @@ class Sample:
                 self.inner = self.sky.copy()
                 self.inner[self.sky] = inner
 
-    def environment(self, k):
+    def environment(self, k, assume_sky=False):
         """Environment of k objects by K-means, those of the sky first."""
         cube, spectra, sky = self.cube, self.spectra, self.sky
         objects = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)] if sky.any() else ()
+        assumed = assume_sky and k > 1 and not sky.any() and self.library.sky_index is not None
+        if assumed:
+            objects = SKY_OBJECTS[1]
         ground = spectra[~sky] if (~sky).any() else spectra
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))
@@ -134,7 +149,11 @@ class Sample:
         fit = _clusters(ground, k - len(objects), 3, self.seed)
         means = fit.cluster_centers_
         spread, skylight = _principal(ground - means[fit.labels_]), None
-        if objects:
+        if assumed:
+            skies = self._assumed_skies()
+            means = np.concatenate([skies[:1], means])
+            skylight = _principal(skies - skies[0]) * cube.sigma
+        elif objects:
             visible = spectra[self.inner] * cube.sigma
             cold = spectra[self.inner].mean(axis=1)
             seen = visible[cold <= np.quantile(cold, 0.05)].mean(axis=0)
@@ -153,6 +172,20 @@ class Sample:
             means * cube.sigma, cube.wavelength_um, tuple(range(len(objects))), spread * cube.sigma,
             skylight, ERROR_K, **self._of_sky(),
         )  # fmt: skip
+
+    def _assumed_skies(self):
+        """(n, bands) of what a sky over the scene may shine like, the likeliest first."""
+        cube = self.cube
+        nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+        wavelengths, at = np.unique(nodes, return_inverse=True)
+        t = brightness_temperature(cube.wavelength_um, self.spectra * cube.sigma).max(axis=1)
+        skies = []
+        for warmer, vapour, cosine in ASSUMED:
+            air = usual_atmosphere(np.median(t) + warmer)
+            air = replace(air, water_cm=min(vapour * air.water_cm, MOST_WATER_CM))
+            shine = sky_radiance(wavelengths, [cosine], air)[0]
+            skies.append(shine[at].reshape(nodes.shape).mean(axis=1))
+        return np.array(skies) / cube.sigma
 
     def halves(self):
         """Environment of the averages of the picture's upper and lower half."""

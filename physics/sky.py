@@ -45,6 +45,7 @@ LAPSE_K_KM = 6.5
 WATER_SCALE_KM = 2.0
 VAPOUR_J_G_K = 0.4615  # gas constant of water vapour
 HUMIDITY = 0.5  # of usual air, over what it can hold
+MOST_WATER_CM = 8.0
 TOP_KM = 50.0
 LAYERS = 28
 
@@ -69,7 +70,7 @@ class Atmosphere:
     def __post_init__(self):
         for name, unit, low, high in (
             ("air_temperature_k", "K", 220, 330),
-            ("water_cm", "cm", 0, 8),
+            ("water_cm", "cm", 0, MOST_WATER_CM),
             ("ozone_du", "DU", 0, 1000),
             ("co2_ppm", "ppm", 0, 10000),
         ):
@@ -107,7 +108,7 @@ def usual_atmosphere(air_temperature_k):
     celsius = t - 273.15
     saturated_pa = 611.2 * math.exp(17.62 * celsius / (243.12 + celsius))
     column_cm = saturated_pa / (1e3 * VAPOUR_J_G_K * t) * WATER_SCALE_KM * 100
-    return Atmosphere(t, min(HUMIDITY * column_cm, 8.0))
+    return Atmosphere(t, min(HUMIDITY * column_cm, MOST_WATER_CM))
 
 
 def continuum(wavelength_um):

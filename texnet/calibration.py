@@ -33,7 +33,7 @@ from physics.planck import brightness_temperature
 
 from .band_gains import FIRST, band_gains, ground
 from .correction import RIGHT, corrected, corrected_environment
-from .gain_or_offset import gain_or_offset
+from .gain_or_offset import gain_or_offset, losses
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
@@ -46,10 +46,11 @@ RISE = 0.1  # more than that, and it is not right
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 DOUBT = 1.5  # times that, by which T is misled, in all pixels of a material alike
+SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
 
-def calibration(cube, environment, look, library, left_out=None):
+def calibration(cube, environment, look, library, left_out=None, in_view=True):
     """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
     RIGHT if nothing is wrong, or too little is there to say so.
 
@@ -57,13 +58,15 @@ def calibration(cube, environment, look, library, left_out=None):
               method, as `pipeline` has them
     library   MaterialLibrary of what may be seen
     left_out  (height, width) bool: pixels that say nothing, being saturated or dead
+    in_view   whether the environment's sky, if it has one, is in view, not assumed
     """
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return RIGHT
+    sky = in_view and environment.sky_mean is not None
     scene = _Scene(part, environment, library, look)
     few, just = cube.bands < LEAST_FOR_GAINS, JUST + PER_BAND / cube.bands
-    found = gain_or_offset(partial(scene.nats, alike={}), environment.sky_mean is not None)
+    found = gain_or_offset(partial(scene.nats, alike={}), sky)
     misfit = scene.left(found, few)
     if misfit > just + RISE and found != RIGHT:
         found, misfit = RIGHT, scene.left(RIGHT, few)
@@ -81,6 +84,23 @@ def calibration(cube, environment, look, library, left_out=None):
     return found._replace(noise=noise, misfit=misfit, doubt=doubt) if noise > 1 else found
 
 
+def under_a_sky(cube, environment, found, under_sky, look, library, left_out=None):
+    """Whether the pixels of a HeatCube without sky in view are likelier by SKY_WORTH in an
+    Environment with a sky that is assumed than in the one without, in which the camera was found
+    to be of a Calibration; other arguments as of `calibration`.
+
+    In a closed room they are not: a sky is one more object that could light it, and does not."""
+    part = _sample(cube, left_out)
+    if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
+        return False
+    alike, found = {}, found._replace(noise=1.0, misfit=1.0, doubt=0.0)
+    without, under = losses({
+        of: _Scene(part, of, library, look).nats(c, alike)
+        for of, c in ((environment, found), (under_sky, RIGHT))
+    }).values()  # fmt: skip
+    return without - under >= SKY_WORTH
+
+
 class _Scene(NamedTuple):
     """Some pixels of a cube, what surrounds them, and look, which explains them by a library."""
 
@@ -93,12 +113,13 @@ class _Scene(NamedTuple):
         return self.look(environment, part, np.arange(len(self.library)), None, None, alike)
 
     def nats(self, c, alike):
-        """(P,) minus the log evidence of pixels corrected by a Calibration."""
+        """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
         surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
         try:
-            return -self.maps(surroundings, part, alike)["log_evidence"].ravel()
+            nats = -self.maps(surroundings, part, alike)["log_evidence"].ravel().astype(np.float64)
         except InputError:  # nothing looks like that
             return np.full(part.radiance[0].size, np.inf)
+        return np.where(np.isfinite(nats), nats, np.inf)
 
     def quarter(self, maps):
         """What is left, in noise units, even of the ground's pixels that fit best."""

@@ -103,8 +103,10 @@ def _of_answer(d, cube):
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": SKY in d.material_names,
         # no object stands for it where there is one alone
-        "sky_in_view": bool(d.sky) or (len(d.environment) == 1 and SKY in materials),
-        "sky_objects": len(d.sky),
+        "sky_in_view": (
+            bool(d.sky) and not d.sky_assumed or (len(d.environment) == 1 and SKY in materials)
+        ),
+        "sky_assumed": d.sky_assumed, "sky_objects": len(d.sky),
         "unknown": d.unknown.mean(), "saturated": d.saturated.mean(),
         "dead": d.dead.mean(),
         "residual": np.median(d.residual), "seconds": d.seconds,
@@ -244,6 +246,11 @@ def _summary(r):
         lines.append(
             "Sky          the library has none: sky pixels get other names, and texture is the "
             "residual; import it with --add-sky, or add a material named sky"
+        )
+    elif r["sky_assumed"]:
+        lines.append(
+            "Sky          none in view: a usual one is assumed, which explains what is (is the "
+            "sky in the picture, clear, and at its top?)"
         )
     elif not r["sky_in_view"]:
         lines.append(

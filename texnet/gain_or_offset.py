@@ -60,8 +60,8 @@ KINDS = GAIN, OFFSET
 def gain_or_offset(nats_of, sky):
     """The Calibration by which the pixels are likeliest; RIGHT if none is by far.
 
-    nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; no number or
-             infinite where nothing looks like that
+    nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
+             nothing looks like that
     sky      whether it is in view
 
     A first look at a few errors tells whether there is anything to find. Then all steps of both
@@ -72,15 +72,14 @@ def gain_or_offset(nats_of, sky):
     def see(all_of):
         for c in all_of:
             if c not in nats:
-                of_all = nats_of(c)
-                nats[c] = np.where(np.isfinite(of_all), of_all, np.inf).astype(np.float64)
+                nats[c] = nats_of(c)
 
     see([RIGHT, *(k.of(sign * error) for k in KINDS for error in k.first for sign in (-1, 1))])
-    loss = _losses(nats, np.median(nats[RIGHT]))
+    loss = losses(nats, np.median(nats[RIGHT]))
     if min(loss, key=loss.get) == RIGHT:
         return RIGHT
     best = [_best_of(kind, see, nats) for kind in KINDS]
-    loss = _losses(nats)
+    loss = losses(nats)
     one, other = sorted(best, key=lambda b: loss[b.around[1]])
     gained, lead = loss[RIGHT] - loss[one.around[1]], loss[other.around[1]] - loss[one.around[1]]
     if gained < one.kind.worth or lead < LEAD:
@@ -100,16 +99,16 @@ def _best_of(kind, see, nats):
     n = round(kind.most / kind.step)
     errors = {kind.of(kind.step * i): kind.step * i for i in range(-n, n + 1) if i}
     see(errors)
-    loss = _losses(nats)
+    loss = losses(nats)
     error = errors[min(errors, key=loss.get)]
     around = tuple(kind.of(error + side * kind.step / 2) for side in (-1, 0, 1))
     see(around)
     return Best(kind, error, around)
 
 
-def _losses(all_nats, typical=None):
-    """{Calibration: nats per pixel} of {Calibration: nats (P,)}, typical being those of the typical
-    pixel: of the likeliest Calibration if None."""
+def losses(all_nats, typical=None):
+    """{what: nats per pixel} of {what: minus log evidence of pixels (P,)}, of which none counts
+    more than ENOUGH over the typical pixel's: that of the likeliest if None."""
     if typical is None:
         typical = min(np.median(nats) for nats in all_nats.values())
     return {c: np.minimum(nats, typical + ENOUGH).mean() for c, nats in all_nats.items()}

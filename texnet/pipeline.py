@@ -2,8 +2,9 @@
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated. Then come the environment from the
-cube, the camera's gains or offset, if the pixels show them, or more noise, if nothing fits
-(`calibration`; not for net), a glance from afar at what materials there are and where, and then
+cube, a sky that is not in view, if nothing else explains the pixels, the camera's gains or offset,
+if these show them, or more noise, if nothing fits (`calibration`; not for net), a glance from afar
+at what materials there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -28,7 +29,7 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
 
 from . import glance
-from .calibration import calibration
+from .calibration import calibration, under_a_sky
 from .correction import RIGHT, corrected
 from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_error
 from .progress import compiling
@@ -47,6 +48,7 @@ class Decomposition:
     thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
                           net+sgd, where it may be, that of what stands before the sky
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
+    sky_assumed           True where none is in view, and a usual one explains what is
     texture               X (bands, height, width) W m-2 sr-1 um-1, of sky pixels likewise
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),
                           likewise; the residual where the environment has no sky
@@ -96,6 +98,7 @@ class Decomposition:
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
+    sky_assumed: bool = False
     noise_raised: float = 1.0
     spectral_shift_um: float = 0.0
     gain: float = 1.0
@@ -174,8 +177,9 @@ def decompose(
         lap("k")
     dead, beyond = cube.dead, saturated(cube)
     untold = dead | beyond
-    given, shown = environment, RIGHT
-    environment = environment or estimate_environment(cube, library, k, seed=seed)
+    given, shown, assumed = environment, RIGHT, False
+    estimate = partial(estimate_environment, library=library, k=k, seed=seed)
+    environment = environment or estimate(cube)
     lap("environment")
     nets = method.startswith("net")
     if nets and model is None:
@@ -189,9 +193,14 @@ def decompose(
     if given is None and method != "net":
         with compiling(None if nets else progress):
             shown = calibration(cube, environment, look, library, untold)
+            if not environment.sky and (under := estimate(cube, assume_sky=True)).sky:
+                assumed = under_a_sky(cube, environment, shown, under, look, library, untold)
+            if assumed:
+                environment = under
+                shown = calibration(cube, under, look, library, untold, in_view=False)
         if shown != RIGHT:
             cube = corrected(cube, shown)
-            environment = estimate_environment(cube, library, k, seed=seed)
+            environment = estimate(cube, assume_sky=assumed)
         lap("calibration")
     with compiling(None if nets else progress):
         maps = glance.answer(
@@ -205,6 +214,7 @@ def decompose(
         saturated=beyond, dead=dead,
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
+        sky_assumed=assumed,
         wavelength_um=stated, hue_deg=library.hue_deg,
         netd_k=cube.netd_k, noise_raised=floor * shown.noise,
         spectral_shift_um=shift, calibration_error_k=float(calibration_error_k), left_out=left_out,

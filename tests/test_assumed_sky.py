@@ -1,0 +1,78 @@
+"""A camera that sees the ground alone: is it lit by a sky, and as right as if that were in view?"""
+
+import numpy as np
+import pytest
+from traced import names_of, one_thread, said, traced  # noqa: F401
+
+from physics import Environment, MaterialLibrary
+from physics.estimate import estimate_environment
+from texnet.cube_io import write_cube
+from texnet.pipeline import decompose
+
+LIBRARY = MaterialLibrary.starter()
+
+
+def below_the_sky(name, bands):
+    """(HeatCube, names, T, texture) of the rows below all sky."""
+    cube, truth = traced(name, bands)
+    names = names_of(truth)
+    top = int(np.flatnonzero((names == "sky").any(axis=1)).max()) + 1
+    part = type(cube)(cube.radiance[:, top:], cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    return part, names[top:], truth.temperature_k[top:], truth.texture[:, top:]
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local", "sgd"])
+@pytest.mark.parametrize("bands", [54, 9])
+@pytest.mark.parametrize("name", ["forest", "street"])
+def test_ground_alone_is_explained_by_a_usual_sky(name, bands, method):
+    cube, names, t, _ = below_the_sky(name, bands)
+    d = decompose(cube, method=method)
+    assert d.sky_assumed and len(d.sky) == 1
+    assert (names_of(d) == names).mean() > 0.6  # without, hardly any
+    assert np.abs(d.temperature_k - t).mean() < 0.8  # and 1.5 K and more
+    assert (np.abs(d.temperature_k - t) < 2 * d.temperature_sigma_k).mean() > 0.9
+
+
+def test_the_network_alone_assumes_none():
+    assert not decompose(below_the_sky("forest", 54)[0], method="net").sky_assumed
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+@pytest.mark.parametrize("bands", [54, 9])
+def test_no_sky_shines_into_a_closed_room(bands, method):
+    d = decompose(traced("room", bands)[0], method=method)
+    assert not d.sky_assumed and d.sky == ()
+
+
+@pytest.mark.parametrize("name, k", [("forest", 5), ("street", 2), ("patches", 3)])
+def test_one_object_is_the_sky_and_the_others_are_the_ground(name, k):
+    cube, *_, texture = below_the_sky(name, 54)
+    e = estimate_environment(cube, LIBRARY, k, assume_sky=True)
+    assert len(e) == k and e.sky == (0,)
+    rest = estimate_environment(cube, LIBRARY, k - 1).radiance
+    np.testing.assert_allclose(np.sort(e.radiance[1:], axis=0), np.sort(rest, axis=0), rtol=1e-6)
+    assert (e.radiance[0] < texture.max(axis=(1, 2))).all()
+
+
+def test_none_is_assumed_where_one_is_in_view_or_unknown_or_has_no_place():
+    in_view, ground = traced("forest", 54)[0], below_the_sky("forest", 54)[0]
+    none = LIBRARY.subset([n for n in LIBRARY.names if n != "sky"])
+    for cube, library, k in ((in_view, LIBRARY, 5), (ground, none, 5), (ground, LIBRARY, 1)):
+        a, b = (estimate_environment(cube, library, k, assume_sky=s) for s in (False, True))
+        assert a.sky == b.sky
+        np.testing.assert_array_equal(a.radiance, b.radiance)
+
+
+def test_an_environment_that_is_given_is_believed():
+    cube, *_ = below_the_sky("forest", 54)
+    given = Environment(estimate_environment(cube, LIBRARY, 3).radiance, cube.wavelength_um)
+    d = decompose(cube, environment=given, method="local")
+    assert not d.sky_assumed and d.sky == ()
+
+
+def test_it_is_said(tmp_path, capsys):
+    write_cube(below_the_sky("forest", 54)[0], tmp_path / "ground.npz")
+    text, result, arrays = said(capsys, tmp_path / "ground.npz", tmp_path / "out")
+    assert result["sky_assumed"] and not result["sky_in_view"]
+    assert "none in view: a usual one is assumed" in text
+    assert arrays["sky"].tolist() == [0]
