@@ -10,7 +10,9 @@ deviate from the k spectra. Along `Environment.spread` and `skylight_spread` the
 D = c [spread, skylight_spread] has, given the residual, a Gaussian posterior (c ~ N(0, I)
 before it, U as in `reduced`) with mean
 
-    c = (I + U' U)^-1 U' (S - S~) / sigma.
+    c = (I + U' U)^-1 U' (S - S~) / sigma,
+
+the error in each band by itself, which evidence knows too, left out: with it X is no better.
 
 X = V S + D then is the texture, and X_sky gains V_sky times the skylight's part of D: the
 rest of the residual is the light of other objects. Without sky among the objects X is not
