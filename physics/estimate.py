@@ -32,11 +32,11 @@ from .errors import InputError
 from .heat_cube import HeatCube
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
+from .prior import far_hotter
 from .saturation import saturated
 from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
 SAMPLES = 6000
-HOTTEST, FAR_K = 0.02, 50.0  # of the pixels, that are so much hotter than the others: none's light
 SKY_CLUSTERS = 12
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
 # what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
@@ -138,43 +138,41 @@ class Sample:
     def environment(self, k, assume_sky=False):
         """Environment of k objects by K-means, those of the sky first."""
         cube, spectra, sky = self.cube, self.spectra, self.sky
-        objects = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)] if sky.any() else ()
-        assumed = assume_sky and k > 1 and not sky.any() and self.library.sky_index is not None
-        if assumed:
-            objects = SKY_OBJECTS[1]
+        skies = deviations = np.zeros((0, cube.bands))
+        if sky.any() and k > 1:
+            skies, deviations = self._skies_overhead(k)
+        elif assume_sky and k > 1 and self.library.sky_index is not None:
+            skies, deviations = self._assumed_sky()
         ground = spectra[~sky] if (~sky).any() else spectra
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
-        fit = _clusters(ground, k - len(objects), 3, self.seed)
-        means = fit.cluster_centers_
-        spread, skylight = _principal(ground - means[fit.labels_]), None
-        if assumed:
-            skies = self._assumed_skies()
-            means = np.concatenate([skies[:1], means])
-            skylight = _principal(skies - skies[0]) * cube.sigma
-        elif objects:
-            visible = spectra[self.inner] * cube.sigma
-            cold = spectra[self.inner].mean(axis=1)
-            seen = visible[cold <= np.quantile(cold, 0.05)].mean(axis=0)
-            zenith = _transmittance(cube, self.library).mean(axis=1)
-            scene_k = np.median(brightness_temperature(cube.wavelength_um, spectra * cube.sigma))
-            ratio = least_ratio(cube.wavelength_um, cube.fwhm_um, visible, seen, scene_k)
-            ratios = ratio ** np.array(objects)
-            # where no band is opaque, none shows how warm the air is
-            least_k = scene_k if cube.wavelength_um[-1] < OPAQUE_UM else 0.0
-            skies = overhead(cube.wavelength_um, visible, cube.sigma, seen, ratios, zenith, least_k)
-            skies = skies / cube.sigma
-            deviations = (skies - skies.mean(axis=0)).reshape(-1, seen.size)
-            means = np.concatenate([skies.mean(axis=0), means])
-            skylight = _principal(deviations) * cube.sigma
+        fit = _clusters(ground, k - len(skies), 3, self.seed)
+        spread = _principal(ground - fit.cluster_centers_[fit.labels_])
         return Environment(
-            means * cube.sigma, cube.wavelength_um, tuple(range(len(objects))), spread * cube.sigma,
-            skylight, ERROR_K, **self._of_sky(),
+            np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
+            tuple(range(len(skies))), spread * cube.sigma, _principal(deviations) * cube.sigma,
+            ERROR_K, **self._of_sky(),
         )  # fmt: skip
 
-    def _assumed_skies(self):
-        """(n, bands) of what a sky over the scene may shine like, the likeliest first."""
+    def _skies_overhead(self, k):
+        """The sky's objects among k and their deviations, (n, bands) each, from the sky in view."""
+        cube, w = self.cube, self.cube.wavelength_um
+        visible = self.spectra[self.inner] * cube.sigma
+        cold = self.spectra[self.inner].mean(axis=1)
+        seen = visible[cold <= np.quantile(cold, 0.05)].mean(axis=0)
+        zenith = _transmittance(cube, self.library).mean(axis=1)
+        scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
+        ratio = least_ratio(w, cube.fwhm_um, visible, seen, scene_k)
+        ratios = ratio ** np.array(SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)])
+        # where no band is opaque, none shows how warm the air is
+        least_k = scene_k if w[-1] < OPAQUE_UM else 0.0
+        skies = overhead(w, visible, cube.sigma, seen, ratios, zenith, least_k) / cube.sigma
+        mean = skies.mean(axis=0)
+        return mean, (skies - mean).reshape(-1, cube.bands)
+
+    def _assumed_sky(self):
+        """The same of a sky that is not in view, which is one object."""
         cube = self.cube
         nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
         wavelengths, at = np.unique(nodes, return_inverse=True)
@@ -185,7 +183,8 @@ class Sample:
             air = replace(air, water_cm=min(vapour * air.water_cm, MOST_WATER_CM))
             shine = sky_radiance(wavelengths, [cosine], air)[0]
             skies.append(shine[at].reshape(nodes.shape).mean(axis=1))
-        return np.array(skies) / cube.sigma
+        skies = np.array(skies) / cube.sigma
+        return skies[:1], skies - skies[0]
 
     def halves(self):
         """Environment of the averages of the picture's upper and lower half."""
@@ -210,9 +209,8 @@ def _telling(radiance, wavelength_um):
     saturated or far hotter than all others."""
     t = brightness_temperature(wavelength_um, radiance).mean(axis=1)
     full = saturated(HeatCube(radiance.T[:, None], wavelength_um)).ravel()
-    hot = t > np.quantile(t, 1 - HOTTEST, method="lower") + FAR_K
     tell = np.ones(len(t), bool)
-    for few in (full, hot):
+    for few in (full, far_hotter(t)):
         if few.mean() <= MOST:
             tell &= ~few
     return tell
@@ -259,7 +257,7 @@ def _transmittance(cube, library):
 def _missing(wavelength_um, spectrum, opacity, scene_k):
     """How far below B(T_air) a sky-like spectrum falls in its clearest band, 0..1; 0 where a
     grey body fits nearly as well as a sky, of opacity (skies, bands)."""
-    ends_before = wavelength_um[-1] < OPAQUE_UM
+    bands, ends_before = wavelength_um.size, wavelength_um[-1] < OPAQUE_UM
     beyond = wavelength_um > FLANK_UM
     if ends_before and np.count_nonzero(beyond) >= LEAST_BANDS:
         wavelength_um, spectrum = wavelength_um[beyond], spectrum[beyond]
@@ -275,9 +273,8 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
 
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
-    bands = wavelength_um.size
-    most = SKY_OVER_GREY_OF_WINDOW if ends_before else SKY_OVER_GREY_OF_MANY
-    most = SKY_OVER_GREY if bands < MANY else most
+    of_many = SKY_OVER_GREY_OF_WINDOW if ends_before else SKY_OVER_GREY_OF_MANY
+    most = SKY_OVER_GREY if bands < MANY else of_many
     return 1 - opacity[j].min() if sky < most * grey or bands < 3 else 0.0
 
 

@@ -7,12 +7,18 @@ from .planck import brightness_temperature
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
+HOTTEST, FAR_K = 0.02, 50.0  # of the pixels, and above the others: fires, defects
 V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
 
 
 def lighting_scale(k):
     """Standard deviation of each of k lighting factors."""
     return (V_PRECISION * k) ** -0.5
+
+
+def far_hotter(t):
+    """Which of temperatures t, K, are far above those of all but the HOTTEST."""
+    return t > np.quantile(t, 1 - HOTTEST, method="lower") + FAR_K
 
 
 def scene_temperatures(cube):

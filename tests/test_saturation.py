@@ -1,6 +1,5 @@
 """Saturated pixels are found, said to be unknown, and no other pixel is."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -33,6 +33,7 @@ from physics.errors import InputError
 from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.library import MaterialLibrary
 from physics.planck import brightness_temperature
+from physics.prior import far_hotter
 
 from .band_gains import FIRST, band_gains, ground
 from .correction import RIGHT, corrected, corrected_environment
@@ -42,7 +43,7 @@ LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
 LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
 LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
-SAMPLES, FAR_K = 500, 50.0  # pixels; above the hottest fiftieth of them
+SAMPLES = 500  # pixels
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
@@ -167,7 +168,7 @@ def _sample(cube, left_out=None):
     bands = scratch.parts(cube.radiance)
     radiance = np.stack([band[::down, ::across] for band in bands])
     t = brightness_temperature(cube.wavelength_um[:, None, None], radiance).mean(axis=0)
-    bad = t > np.quantile(t, 0.98) + FAR_K
+    bad = far_hotter(t)
     if left_out is not None:
         bad |= left_out[::down, ::across]
     usual = np.argsort(np.where(bad, np.inf, t), axis=None)[(t.size - np.count_nonzero(bad)) // 2]
