@@ -94,7 +94,7 @@ def _objective(cube, library, environment):
         model, gram=gram, offset=LEFT_OF_V_PRIOR * model.offset,
         occam=np.zeros_like(model.occam), prior_sigma_k=PRIOR_SIGMA_K,
     )  # fmt: skip
-    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
+    objective = Objective(model, cube, solve_local(model, cube.spectra))
     objective.log_share[:], objective.unary = 0.0, objective.local.energy
     return objective
 

@@ -42,7 +42,7 @@ def curves(cube, library, rng):
     clock = time.perf_counter()
     local = solve_local(model, cube.spectra)
     local_seconds = time.perf_counter() - clock
-    objective = Objective(model, cube.radiance, local)
+    objective = Objective(model, cube, local)
     known = known_arrays(cube, library, environment)
     clock = time.perf_counter()
     proposal = torch_model(refined=False)(cube.radiance, known)

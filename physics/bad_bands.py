@@ -58,9 +58,12 @@ def without_bad_bands(cube):
 
 def _samples(cube):
     """(n, bands) spectra of some pixels, and their differences from the next pixel but one row
-    down, K at 300 K; zeros in bands without light."""
-    size, next_to = cube.radiance[0].size, cube.shape[1] + 1
-    first = np.arange(0, size, sampling_step(cube.shape, SAMPLES))
+    down, K at 300 K, none of them dead if it can be; zeros in bands without light."""
+    size, next_to, dead = cube.dead.size, cube.shape[1] + 1, cube.dead.reshape(-1)
+    step = sampling_step(cube.shape, SAMPLES * size // cube.measured_count)
+    first = np.arange(0, size, step)
+    measured = ~(dead[first] | dead[(first + next_to) % size])
+    first = first[measured if measured.any() else slice(None)]
     both = cube.pixels(np.concatenate([first, (first + next_to) % size]))
     both[:, ~lit(both).all(axis=0)] = 0
     both /= noise_sigma(cube.wavelength_um, 1.0)

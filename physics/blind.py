@@ -76,9 +76,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         )
     netd_k = max(own_k, MIN_NETD_K)
     cube = replace(cube, netd_k=netd_k)
-    pixels = cube.shape[0] * cube.shape[1]
     rng = np.random.default_rng(seed)
-    pick = np.sort(rng.choice(pixels, min(pixels, SAMPLES), replace=False))
+    pick = cube.random_pixels(rng, SAMPLES)
     s = cube.pixels(pick)
     order = np.argsort(s.mean(axis=1), kind="stable")  # as in `estimate`: places do not matter
     s, row = s[order], pick[order] // cube.shape[1] / cube.shape[0]

@@ -1,8 +1,10 @@
-"""Pixels without a measurement, of which every detector has some: found by values that no scene
-has in a band that shows the scene, and given the spectrum of the nearest pixel that is not dead.
+"""Pixels without a measurement: found by values that no scene has in a band that shows the scene,
+and given the spectrum of the nearest pixel that is not dead.
 
-That spectrum is no measurement: what a pixel so filled is answered is to be called unknown. A band
-in which more than a few pixels are so is itself dead, and says nothing of any pixel.
+That spectrum is no measurement: what a pixel so filled is answered is to be called unknown. Every
+detector has a few such pixels. A band in which more are so is itself dead, and says nothing of any
+pixel. Beyond the edges of an orthorectified picture nothing was seen: there every band holds zero,
+NaN or infinity, in as many pixels as it may be.
 """
 
 import numpy as np
@@ -11,7 +13,7 @@ from . import scratch
 from .errors import InputError
 from .planck import radiance as planck
 
-MOST = 0.05  # of the pixels; more are an edge without data, or a wrong calibration
+MOST = 0.05  # of the pixels that hold anything; more are a wrong calibration
 MAX_K = 1e4  # of any pixel; beyond it a detector is dead
 
 
@@ -24,31 +26,49 @@ def dead_pixels(radiance, wavelength_um):
     """Of radiance (bands, height, width), W m-2 sr-1 um-1: (height, width) bool, the dead pixels;
     (bands,) bool, the dead bands; and whether any of these holds numbers that look like radiance.
 
-    Raises InputError where more than half of the bands are dead, or more than MOST of the pixels.
+    Raises InputError where more than half of the bands are dead, or more than MOST of the pixels
+    that hold anything, or none holds anything.
     """
-    dead, share = np.zeros(radiance.shape[1:], bool), np.zeros(len(radiance))
-    first, misleads = [(0, 0)] * len(radiance), False
-    for b, limit in enumerate(planck(wavelength_um, MAX_K)):
-        bad = ~((radiance[b] > 0) & (radiance[b] <= limit))  # so of a NaN
-        share[b] = bad.mean()
-        if share[b]:
-            first[b] = tuple(np.argwhere(bad)[0])
+    limit = planck(wavelength_um, MAX_K)
+    empty, count = np.ones(radiance.shape[1:], bool), np.zeros(len(radiance), np.int64)
+    for b, band in enumerate(scratch.parts(radiance)):
+        empty &= (band == 0) | ~np.isfinite(band)
+        count[b] = np.count_nonzero(_bad(band, limit[b]))
+    of = empty.size - np.count_nonzero(empty)
+    if not of:
+        raise InputError("cube: all of its pixels are zero, NaN or infinite in every band.")
+    share = (count - (empty.size - of)) / of
+    dead, misleads = empty.copy(), False
+    for b in np.flatnonzero(share):
         if share[b] <= MOST:
-            dead |= bad
+            dead |= _bad(radiance[b], limit[b])
         else:
             misleads |= lit(radiance[b]).any()
         scratch.release(radiance)
     half = float(np.quantile(share, 0.5, method="lower"))
-    if max(half, dead.mean()) > MOST:
+    dead_of_them = (np.count_nonzero(dead) - (empty.size - of)) / of
+    if max(half, dead_of_them) > MOST:
         b = np.flatnonzero(share if half > MOST else (share > 0) & (share <= MOST))[0]
-        row, column = first[b]
+        row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]
         raise InputError(
-            f"cube: {max(half, dead.mean()):.0%} of its pixels are dead (zero or negative, NaN or "
+            f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero or negative, NaN or "
             f"infinite, or hotter than {MAX_K:.0f} K), the first at {wavelength_um[b]:.5g} um, row "
             f"{row}, column {column} ({radiance[b, row, column]:.4g}), and at most {MOST:.0%} may "
-            "be; cut edges off, leave bands out, or check the calibration."
+            "be, but for those that hold nothing in any band; cut edges off, leave bands out, or "
+            "check the calibration."
         )
     return dead, share > MOST, misleads
+
+
+def gaps(dead):
+    """Of dead pixels (height, width): those in areas of three pixels and more across, as beyond the
+    edge of a picture. What is less is the detector's, and its neighbours tell what is there."""
+    from scipy.ndimage import binary_opening  # few cubes need it
+
+    if not dead.any():
+        return dead
+    beyond = np.pad(dead, 1, mode="edge")
+    return binary_opening(beyond, np.ones((3, 3)))[1:-1, 1:-1]
 
 
 def filled(radiance, dead, dark):
@@ -70,14 +90,15 @@ def without_dead(radiance, dead):
     return _copy(radiance, dead, lambda band: np.nan, np.zeros(len(radiance), bool))
 
 
+def _bad(band, limit):
+    return ~((band > 0) & (band <= limit))  # so of a NaN
+
+
 def _nearest(dead):
     """Rows and columns of the sound pixels nearest to the dead ones, in their order."""
-    from scipy.ndimage import binary_dilation  # few cubes need it
-    from scipy.spatial import KDTree
+    from scipy.ndimage import distance_transform_edt  # few cubes need it
 
-    # one step from the nearest towards the dead pixel, all is dead: it touches one
-    edge = np.argwhere(binary_dilation(dead, np.ones((3, 3))) & ~dead)
-    return edge[KDTree(edge).query(np.argwhere(dead))[1]].T
+    return distance_transform_edt(dead, return_distances=False, return_indices=True)[:, dead]
 
 
 def _copy(radiance, dead, by, dark):

@@ -89,8 +89,7 @@ def estimate_environment(cube, library, k=5, method="kmeans", seed=0, assume_sky
         )
     if method == "halves" and cube.shape[0] < 2:
         raise InputError("environment: halves needs a picture of at least two rows.")
-    pixels = cube.shape[0] * cube.shape[1]
-    if k > pixels:
+    if k > (pixels := cube.measured_count):
         raise InputError(f"environment: k = {k} objects need at least {k} pixels, got {pixels}.")
     sample = Sample(cube, library, seed)
     return sample.environment(k, assume_sky) if method == "kmeans" else sample.halves()
@@ -106,10 +105,7 @@ class Sample:
 
     def __init__(self, cube, library, seed=0):
         self.cube, self.library, self.seed = cube.with_netd(), library, seed
-        sound = np.flatnonzero(~cube.dead) if cube.dead.any() else cube.dead.size
-        pixels = cube.dead.size - np.count_nonzero(cube.dead)
-        rng = np.random.default_rng(seed)
-        pick = np.sort(rng.choice(sound, min(pixels, SAMPLES), replace=False))
+        pick = cube.random_pixels(np.random.default_rng(seed), SAMPLES)
         radiance = self.cube.pixels(pick)
         if not lit(radiance).all():
             raise InputError(

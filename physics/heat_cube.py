@@ -61,9 +61,9 @@ class HeatCube:
     """A heat cube S, immutable.
 
     radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive, but for
-                   bands that hold nothing (`bad_bands` finds them), and few pixels, which are dead
-                   and are given a neighbour's (`dead_pixels`); copied unless it is read-only, and
-                   then never to be written to
+                   bands that hold nothing (`bad_bands` finds them), and pixels that are dead, few
+                   or beyond a picture's edge, which are given a neighbour's (`dead_pixels`);
+                   copied unless it is read-only, and then never to be written to
     wavelength_um  (bands,) band centres in um, ascending
     fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
@@ -151,13 +151,28 @@ class HeatCube:
         return self.radiance.shape[1:]
 
     @property
+    def measured_count(self):
+        """How many pixels are not dead."""
+        return self.dead.size - np.count_nonzero(self.dead)
+
+    @property
     def spectra(self):
         """(height * width, bands) float32, one row per pixel, row-major; a view."""
         return self.radiance.reshape(self.bands, -1).T
 
     def sample(self, most):
-        """(n, bands) float64 spectra of a regular subsample of most pixels, or a few times that."""
-        return self.pixels(slice(None, None, sampling_step(self.shape, most)))
+        """(n, bands) float64 spectra of a regular subsample of most pixels, or a few times that,
+        none of them dead."""
+        step = sampling_step(self.shape, most * self.dead.size // self.measured_count)
+        if not self.dead.any():
+            return self.pixels(slice(None, None, step))
+        at = np.arange(0, self.dead.size, step)
+        return self.pixels(at[~self.dead.reshape(-1)[at]])
+
+    def random_pixels(self, rng, most):
+        """(n,) ascending indices into `spectra` of most pixels at random, none of them dead."""
+        pick = rng.choice(self.measured_count, min(self.measured_count, most), replace=False)
+        return np.sort(np.flatnonzero(~self.dead)[pick] if self.dead.any() else pick)
 
     def pixels(self, index):
         """(n, bands) float64 spectra of the pixels that index picks from `spectra`."""
@@ -192,6 +207,11 @@ class HeatCube:
         bands = zip(self.wavelength_um, scratch.parts(self.radiance), strict=True)
         return sum(brightness_temperature(w, s) for w, s in bands) / self.bands
 
+    @property
+    def _measured_in_threes(self):
+        """(height - 2, width) bool, where a pixel and those above and below it are not dead."""
+        return ~(self.dead[:-2] | self.dead[1:-1] | self.dead[2:])
+
     def with_netd(self):
         """This cube, with NETD estimated from its own pixels where it is not known.
 
@@ -205,17 +225,18 @@ class HeatCube:
         if self.netd_k is not None:
             return self
         sigma = noise_sigma(self.wavelength_um, 1.0)
-        if self.bands >= 12 and self.radiance[0].size > 2 * self.bands:
+        if self.bands >= 12 and self.measured_count > 2 * self.bands:
             variance = np.linalg.eigvalsh(np.cov((self.sample(20000) / sigma).T))
             netd = np.sqrt(max(0.0, np.median(variance)))  # rounding can bring it below 0
-        elif min(self.shape) >= 3:
+        elif self.shape[1] >= 3 and (of := self._measured_in_threes).any():
             square = 0.0
             for band, s in zip(scratch.parts(self.radiance), sigma, strict=True):
                 second = (band[1:-1].astype(np.float64) - 0.5 * (band[:-2] + band[2:])) / s
                 square = square + second**2 / (1.5 * self.bands)
             # the quartile of chi-square over its degrees of freedom (Wilson and Hilferty 1931)
             spread = 2 / (9 * self.bands)
-            netd = np.sqrt(np.quantile(square, 0.25) / (1 - spread - 0.67449 * spread**0.5) ** 3)
+            least = np.quantile(square[of], 0.25)
+            netd = np.sqrt(least / (1 - spread - 0.67449 * spread**0.5) ** 3)
         else:
             raise InputError(
                 "cube: its NETD is not known; to estimate it takes 12 bands and more than twice as "

@@ -62,10 +62,11 @@ class State:
     row: np.ndarray
 
 
-def material_shares(energy, shape):
+def material_shares(energy, dead):
     """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation, of energy
-    (P, L) of a picture of that shape."""
-    u = energy[:: sampling_step(shape, SHARE_SAMPLES)].astype(np.float64)
+    (P, L) of a picture's pixels, but those that are dead (H, W)."""
+    step = sampling_step(dead.shape, SHARE_SAMPLES)
+    u = energy[::step][~dead.reshape(-1)[::step]].astype(np.float64)
     likelihood = np.exp(u.min(axis=1, keepdims=True) - u)
     pi = np.full(u.shape[1], 1.0 / u.shape[1])
     for _ in range(SHARE_SWEEPS):
@@ -75,18 +76,20 @@ def material_shares(energy, shape):
     return np.maximum(pi, floor)
 
 
-def edge_weights(radiance, sigma):
-    """Spectral edge weights w in 0..1 to the neighbour below (H-1, W) and right (H, W-1)."""
-    if radiance[0].size == 1:
-        return np.zeros((0, 1)), np.zeros((1, 0))
-    squared = []
+def edge_weights(radiance, sigma, dead):
+    """Spectral edge weights w in 0..1 to the neighbour below (H-1, W) and right (H, W-1); 0 where
+    one of both is dead (H, W)."""
+    squared, measured = [], [~(dead[1:] | dead[:-1]), ~(dead[:, 1:] | dead[:, :-1])]
     for axis in (1, 2):
-        d2 = np.zeros(np.diff(radiance[0], axis=axis - 1).shape)
+        d2 = np.zeros(measured[axis - 1].shape)
         for band, s in zip(radiance, sigma, strict=True):
             d2 += (np.diff(band.astype(np.float64), axis=axis - 1) / s) ** 2
         squared.append(d2)
-    typical = max(float(np.median(np.concatenate([d.ravel() for d in squared]))), 1e-12)
-    return tuple(np.exp(-d / (2 * EDGE_SCALE * typical)) for d in squared)
+    of = np.concatenate([d[m] for d, m in zip(squared, measured, strict=True)])
+    typical = max(float(np.median(of)), 1e-12) if of.size else 1.0
+    return tuple(
+        m * np.exp(-d / (2 * EDGE_SCALE * typical)) for d, m in zip(squared, measured, strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,17 +119,17 @@ def unsmoothed(local: LocalSolution) -> Refined:
 class Objective:
     """E of one cube: the unaries come from the local solution, the edges from the cube.
 
-    radiance (bands, height, width) as in HeatCube; local is for its pixels in row order.
+    local is for the pixels of cube, a HeatCube, in row order.
     """
 
-    def __init__(self, model: ReducedModel, radiance, local: LocalSolution):
+    def __init__(self, model: ReducedModel, cube, local: LocalSolution):
         self.model = model
-        self.shape = radiance.shape[1:]
-        self.spectra = radiance.reshape(len(radiance), -1).T
+        self.shape = cube.shape
+        self.spectra = cube.spectra
         self.local = local
-        self.log_share = np.log(material_shares(local.energy, self.shape)).astype(np.float32)
+        self.log_share = np.log(material_shares(local.energy, cube.dead)).astype(np.float32)
         self.unary = local.energy - self.log_share  # of every material at its local optimum
-        down, right = (BETA * w for w in edge_weights(radiance, model.sigma))
+        down, right = (BETA * w for w in edge_weights(cube.radiance, model.sigma, cube.dead))
         row, column = np.zeros((1, self.shape[1])), np.zeros((self.shape[0], 1))
         self.edges = np.stack([  # (4, H, W) to the pixel above, below, left, right
             np.concatenate([row, down]), np.concatenate([down, row]),

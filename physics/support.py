@@ -28,9 +28,9 @@ UNDER_SKY = 4
 
 def supported_count(cube, library, seed=0):
     """k, 1..10, for a HeatCube with its NETD and a MaterialLibrary; seed as of the estimate."""
-    pixels = cube.shape[0] * cube.shape[1]
-    pick = np.random.default_rng([seed, 1]).permutation(pixels)[:SAMPLES]
-    spectra = cube.pixels(np.sort(pick)).astype(np.float32)
+    pixels = cube.measured_count
+    pick = cube.random_pixels(np.random.default_rng([seed, 1]), SAMPLES)
+    spectra = cube.pixels(pick).astype(np.float32)
     sample, found = Sample(cube, library, seed), {}
     least = min(UNDER_SKY, pixels) if sample.sky.any() else 1
     for k in range(least, min(MOST, pixels) + 1):

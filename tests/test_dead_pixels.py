@@ -9,12 +9,13 @@ from traced import names_of, one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
 from physics.bad_bands import NO_RADIANCE, without_bad_bands
-from physics.dead_pixels import MOST
+from physics.dead_pixels import MOST, gaps
 from physics.errors import InputError
 from physics.planck import radiance
 from texnet.cli import main
 from texnet.cube_io import read_cube, write_cube
 from texnet.pipeline import decompose
+from texnet.vision import tex_vision
 
 W = np.array([8.5, 10.0, 11.5])
 VALUES = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 65535.0])
@@ -87,6 +88,39 @@ def test_more_than_a_few_are_refused_by_name():
         HeatCube(s, W)
 
 
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, np.nan, -np.inf]))
+def test_what_holds_nothing_in_any_band_may_be_most_of_a_picture(seed, nothing):
+    """And does not count where the dead among the others are counted."""
+    rng = np.random.default_rng(seed)
+    s = a_cube((12, 13))
+    blank = rng.random((12, 13)) < rng.uniform(0.1, 0.95)
+    blank[6, 6] = False
+    s[:, blank] = nothing
+    cube = HeatCube(s, W)
+    np.testing.assert_array_equal(cube.dead, blank)
+    assert cube.measured_count == np.count_nonzero(~blank)
+    there = {tuple(x) for x in s[:, ~blank].T.astype(np.float32)}
+    assert {tuple(x) for x in cube.spectra} == there
+    for picked in (cube.sample(10**6), cube.pixels(cube.random_pixels(rng, 10**6))):
+        assert len(picked) == len(there)
+    s[1, ~blank] = np.where(np.arange(len(there)) < 0.4 * len(there), np.nan, s[1, ~blank])
+    s[2, 6, 6] = np.nan
+    if len(there) < 20:
+        with pytest.raises(InputError, match="are dead"):
+            HeatCube(s, W)
+    with pytest.raises(InputError, match="all of its pixels"):
+        HeatCube(np.full_like(s, nothing), W)
+
+
+def test_gaps_are_areas_and_no_single_pixels():
+    dead = np.zeros((20, 30), bool)
+    dead[4, 7], dead[10, :20], dead[12:14, 3:9] = True, True, True
+    assert not gaps(dead).any() and not gaps(np.zeros_like(dead)).any()
+    area = np.zeros_like(dead)
+    area[:, 25:], area[15:18, 4:7], area[:2, :6] = True, True, True  # two at the edge: more beyond
+    np.testing.assert_array_equal(gaps(dead | area), area)
+
+
 def test_a_map_of_the_camera_s_own_is_taken():
     s, stated = a_cube((10, 10)), np.zeros((10, 10), bool)
     stated[3, 4] = True
@@ -133,13 +167,49 @@ def test_they_are_unknown_and_the_others_as_right_as_they_were(method):
     assert abs(there.unknown[~dead].mean() - whole.unknown[~dead].mean()) < 0.05
 
 
+@pytest.mark.parametrize("method", ["local", "sgd", "net+sgd"])
+def test_an_orthorectified_picture_is_answered_like_what_it_shows(method):
+    """Each column moved down by so many rows, as a strip is that is flown askew."""
+    cube, _ = traced("forest", 54)
+    height, width = cube.shape
+    row = np.arange(height)[:, None] + 2 * np.arange(width)[None, :] // 3
+    s = np.zeros((cube.bands, row.max() + 1, width), np.float32)
+    s[:, row, np.arange(width)] = cube.radiance
+    askew = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    assert askew.dead.mean() > 0.4
+    there, plain = (decompose(c, method=method, k=3) for c in (askew, cube))
+    np.testing.assert_array_equal(there.dead, askew.dead)
+    assert there.unknown[there.dead].all()
+    assert (there.netd_k, there.noise_raised) == (plain.netd_k, plain.noise_raised)
+    t, sigma, material = (
+        np.take_along_axis(m, row, 0)
+        for m in (there.temperature_k, there.temperature_sigma_k, there.material)
+    )
+    assert (material == plain.material).mean() > 0.85
+    moved = np.abs(t - plain.temperature_k)
+    assert np.median(moved) < cube.netd_k
+    assert (moved < 2 * np.maximum(sigma, plain.temperature_sigma_k)).mean() > 0.97
+    picture = tex_vision(there)
+    assert not picture[gaps(there.dead)].any() and picture[~there.dead].any(axis=-1).all()
+
+
+def test_noise_is_not_estimated_from_copies():
+    cube = traced("forest", 54)[0]
+    for part in (cube, cube.only(np.arange(54) % 9 == 4)):
+        s = np.zeros((part.bands, part.shape[0], 5 * part.shape[1]), np.float32)
+        s[:, :, : part.shape[1]] = part.radiance
+        wide = HeatCube(s, part.wavelength_um, part.fwhm_um)
+        alone = HeatCube(part.radiance, part.wavelength_um, part.fwhm_um)
+        assert wide.with_netd().netd_k == pytest.approx(alone.with_netd().netd_k, rel=0.02)
+
+
 def test_the_commands_say_how_many(tmp_path, capsys):
     cube, dead = with_dead(traced("forest", 54)[0], 0.01)
     np.savez(tmp_path / "a.npz", radiance=cube.measured(), wav=cube.wavelength_um)
     out = tmp_path / "cube.exr"
     words = ["import", tmp_path / "a.npz", "--unit", "W/m2/sr/um", "--out", out]
     assert main([str(word) for word in words]) == 0
-    assert f"{dead.sum()} pixels without a measurement" in capsys.readouterr().out
+    assert f"{dead.sum()} pixels (1%) without a measurement" in capsys.readouterr().out
     text, result, npz = said(capsys, out, tmp_path / "b", "--method", "local")
     assert f"Dead         {100 * dead.mean():.2g} % of the pixels" in text
     assert result["dead"] == pytest.approx(dead.mean())

@@ -54,7 +54,7 @@ class Scene:
     def objective(self, cube=None, library=None):
         cube = cube or self.cube
         model = reduce_model(cube, library or self.library, self.environment)
-        return Objective(model, cube.radiance, solve_local(model, cube.spectra))
+        return Objective(model, cube, solve_local(model, cube.spectra))
 
 
 def wavelengths(bands=24):
@@ -367,7 +367,7 @@ def torch_objective(scene, objective, temperature_k, material, lighting):
     prior = prior + V_PRECISION * k * ((lighting - 1 / k) ** 2).sum()
     t, same = temperature_k.reshape(scene.shape), material.reshape(scene.shape)
     smooth = 0.0
-    weights = semiglobal.edge_weights(scene.cube.radiance, model.sigma)
+    weights = semiglobal.edge_weights(scene.cube.radiance, model.sigma, scene.cube.dead)
     for axis, weight in enumerate(weights):
         d2 = torch.diff(t, dim=axis) ** 2
         agree = as_tensor(np.diff(same, axis=axis) == 0)
@@ -451,7 +451,7 @@ def plain():
 def solve(library, environment, s, netd):
     cube = HeatCube(s.transpose(2, 0, 1), environment.wavelength_um, netd_k=netd)
     model = reduce_model(cube, library, environment)
-    objective = Objective(model, cube.radiance, solve_local(model, cube.spectra))
+    objective = Objective(model, cube, solve_local(model, cube.spectra))
     return objective, refine(objective, objective.local_state()).state
 
 

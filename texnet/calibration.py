@@ -159,18 +159,21 @@ def _left(at, rises):
 
 
 def _sample(cube, left_out=None):
-    """A HeatCube of about SAMPLES of its pixels, in rows and columns. Those that are left out or
-    far hotter than all others, for whose sake T would have to be sought far away, are replaced by
-    a usual one."""
+    """A HeatCube of about SAMPLES of its pixels, in rows and columns; row by row without those that
+    are left out, or far hotter than all others, for whose sake T would have to be sought far
+    away."""
     height, width = cube.shape
-    down = min(max(1, int((height * width / SAMPLES) ** 0.5)), height)
-    across = max(1, -(-height // down) * width // SAMPLES)
+    good = np.ones(cube.shape, bool) if left_out is None else ~left_out
+    pixels = SAMPLES * good.size // max(1, np.count_nonzero(good))
+    down = min(max(1, int((height * width / pixels) ** 0.5)), height)
+    across = max(1, -(-height // down) * width // pixels)
     bands = scratch.parts(cube.radiance)
     radiance = np.stack([band[::down, ::across] for band in bands])
     t = brightness_temperature(cube.wavelength_um[:, None, None], radiance).mean(axis=0)
-    bad = far_hotter(t)
-    if left_out is not None:
-        bad |= left_out[::down, ::across]
-    usual = np.argsort(np.where(bad, np.inf, t), axis=None)[(t.size - np.count_nonzero(bad)) // 2]
-    radiance[:, bad] = radiance.reshape(cube.bands, -1)[:, usual, None]
+    good = good[::down, ::across] & ~far_hotter(t)
+    there = np.flatnonzero(good)
+    if 0 < there.size < good.size:
+        columns = min(good.shape[1], there.size)
+        there = there[: there.size // columns * columns].reshape(-1, columns)
+        radiance = radiance.reshape(cube.bands, -1)[:, there]
     return HeatCube(radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k)

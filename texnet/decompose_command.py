@@ -88,10 +88,11 @@ def decompose(args):
 
 
 def _of_answer(d, cube):
-    """What --json gives of a Decomposition of a HeatCube."""
-    ground = d.temperature_k[non_sky(d)]
+    """What --json gives of a Decomposition of a HeatCube; all but `dead` of what was measured."""
+    seen = ~d.dead
+    ground = d.temperature_k[non_sky(d) & seen]
     span = np.percentile(ground, [2, 50, 98]) if ground.size else [math.nan] * 3
-    share = np.bincount(d.material.ravel(), minlength=len(d.material_names)) / d.material.size
+    share = np.bincount(d.material[seen], minlength=len(d.material_names)) / np.count_nonzero(seen)
     materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     return {
         "bands": cube.bands, "size": cube.shape,
@@ -107,9 +108,9 @@ def _of_answer(d, cube):
             bool(d.sky) and not d.sky_assumed or (len(d.environment) == 1 and SKY in materials)
         ),
         "sky_assumed": d.sky_assumed, "sky_objects": len(d.sky),
-        "unknown": d.unknown.mean(), "saturated": d.saturated.mean(),
+        "unknown": d.unknown[seen].mean(), "saturated": d.saturated[seen].mean(),
         "dead": d.dead.mean(),
-        "residual": np.median(d.residual), "seconds": d.seconds,
+        "residual": np.median(d.residual[seen]), "seconds": d.seconds,
     }  # fmt: skip
 
 
@@ -170,7 +171,7 @@ def _of_pixels(saturated, dead):
     if saturated:
         yield f"Saturated    {100 * saturated:.2g} % of the pixels: unknown, and T a lower bound"
     if dead:
-        yield f"Dead         {100 * dead:.2g} % of the pixels: unknown, filled from beside them"
+        yield f"Dead         {100 * dead:.2g} % of the pixels hold nothing: unknown"
 
 
 def _netd(r):

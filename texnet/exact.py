@@ -50,7 +50,7 @@ def solve(cube, library, environment, regions, smooth, report, lap):
         if smooth:
             local = solve_local(model, cube.spectra, report("local"))
             lap("local")
-            objective = Objective(model, cube.radiance, local)
+            objective = Objective(model, cube, local)
             answer = refine(objective, objective.local_state(), report("refine"))
             lap("refine")
             maps = _maps(

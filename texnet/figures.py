@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from physics import scratch
+from physics.dead_pixels import gaps
 from physics.library import SKY, MaterialLibrary, hues_between
 from physics.whole_file import whole_file
 
@@ -31,11 +32,12 @@ def maps_figure(decomposition, truth, path):
 
     truth  a Truth: its maps and the errors follow in a second and third row; None: without
 
-    Sky pixels have no temperature and no texture; there the maps are blank. Materials are not
-    compared where the library holds none of the truth's names, nor the sky's light where the
-    answer has no sky.
+    Sky pixels have no temperature and no texture; there the maps are blank, as they all are in
+    areas where nothing was measured. Materials are not compared where the library holds none of
+    the truth's names, nor the sky's light where the answer has no sky.
     """
-    d, ground, hues = decomposition, non_sky(decomposition), _hues(decomposition, truth)
+    d, hues, seen = decomposition, _hues(decomposition, truth), ~gaps(decomposition.dead)
+    ground = non_sky(d) & seen
     legend = _legend(hues, d, truth)
     fields = [  # title, colour map, picture
         ("temperature (K)", "magma", _on(ground, d.temperature_k)),
@@ -43,22 +45,23 @@ def maps_figure(decomposition, truth, path):
         (f"texture X ({RADIANCE})", "cividis", _on(ground, _band_mean(d.texture))),
         (_texture_title(d), "gray", _on(ground, d.sky_texture)),
     ]
+    unknown = np.ma.array(d.unknown, mask=~seen)
     own = [
         ("sigma of T (K)", "viridis", _on(ground, d.temperature_sigma_k)),
-        ("residual (noise units)", "viridis", d.residual),
-        (f"unknown ({100 * d.unknown.mean():.1f} %, white)", "gray", d.unknown),
+        ("residual (noise units)", "viridis", _on(seen, d.residual)),
+        (f"unknown ({100 * unknown.mean():.1f} %, white)", "gray", unknown),
     ]
     if truth is None:
         fig, axes = _panels(2, 4, d.residual.shape, legend)
-        _show_materials(axes[0, 0], "material", d, hues)
+        _show_materials(axes[0, 0], "material", d, hues, ~seen)
         for ax, (title, cmap, picture) in zip(axes.flat[1:], fields + own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
     else:
-        seen = non_sky(truth)
+        true_ground = non_sky(truth)
         by_sky = (truth.sky_view, truth.sky_texture) if d.sky else (None, None)
         true = [truth.temperature_k, by_sky[0], _band_mean(truth.texture), by_sky[1]]
         fig, axes = _panels(3, 6, d.residual.shape, legend)
-        _show_materials(axes[0, 0], "material", d, hues)
+        _show_materials(axes[0, 0], "material", d, hues, ~seen)
         _show_materials(axes[1, 0], "truth", truth, hues)
         if names_lacking(d, truth)[1]:
             axes[2, 0].set_axis_off()
@@ -67,7 +70,7 @@ def maps_figure(decomposition, truth, path):
             wrong = _names(d) != _names(truth)
             _show(axes[2, 0], f"wrong ({100 * wrong.mean():.1f} %, white)", "gray", wrong, (0, 1))
         for column, field, t in zip(axes.T[1:5], fields, true, strict=True):
-            _compare(column, *field, None if t is None else _on(seen, t))
+            _compare(column, *field, None if t is None else _on(true_ground, t))
         for ax, (title, cmap, picture) in zip(axes[:, 5], own, strict=True):
             _show(ax, title, cmap, picture, _span(picture))
     _save(fig, path)
@@ -85,7 +88,7 @@ def comparison_figure(decomposition, cube, truth, path):
            its magnitude counts, of three components the best; TeX vision's sign is not. None:
            without
     """
-    d = decomposition
+    d, blank = decomposition, gaps(decomposition.dead)
     raw = panchromatic(cube)
     equalised = clahe(raw)
     components = principal_components(cube)
@@ -104,11 +107,11 @@ def comparison_figure(decomposition, cube, truth, path):
     fig, axes = _panels(2, columns, cube.shape, _legend(hues, d), bar=0.1, title=0.5)
     for ax, (title, picture, r) in zip(axes.flat, pictures, strict=False):
         _bare(ax, title if np.isnan(r) else f"{title}\ntexture correlation {r:.2f}")
-        ax.imshow(picture)
+        ax.imshow(np.where(blank[..., None], 0, picture))
     if truth is not None:
         _bare(axes[1, 1], "the same by day (truth)")
         axes[1, 1].imshow(daylight_srgb(truth))
-        _show_materials(axes[1, 2], "material", d, hues)
+        _show_materials(axes[1, 2], "material", d, hues, blank)
     _save(fig, path)
 
 
@@ -152,7 +155,7 @@ def _texture_title(d):
 
 def _span(*pictures):
     """Limits that hold all but the outermost 2 % of the finite values."""
-    values = np.concatenate([np.ravel(p) for p in pictures]).astype(float)
+    values = np.concatenate([np.ma.compressed(p) for p in pictures]).astype(float)
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, [1, 99]) if values.size else (0.0, 1.0)
     return (low, high) if high > low else (low - 0.5, high + 0.5)
@@ -231,10 +234,11 @@ def _hues(d, truth=None):
     return hues
 
 
-def _show_materials(ax, title, answer, hues):
+def _show_materials(ax, title, answer, hues, blank=False):
     _bare(ax, title)
     colours = np.array([colour_of(hues.get(n, 0.0)) for n in answer.material_names])
-    ax.imshow(colours[answer.material], interpolation="nearest")
+    opaque = np.broadcast_to(~np.asarray(blank), answer.material.shape)
+    ax.imshow(np.dstack([colours[answer.material], opaque]), interpolation="nearest")
 
 
 def _legend(hues, d, truth=None):

@@ -62,6 +62,8 @@ def answer(run, look, cube, materials, expects):
         return run(cube, every, None, None)
     step = min(STEP, max(PATCH, step))
     probability = look(from_afar(cube, step), every, None, None)["material_probability"]
+    if cube.dead.any():
+        probability = np.where(_patches(cube.dead, step) == 1, np.nan, probability)
     if not enough:
         return run(cube, every, Expected(expected(probability), step), None)
     seen = materials_seen(probability)
@@ -128,9 +130,10 @@ def expected(probability):
     """(materials, h, w) float32 nats by which materials are expected, of probability (materials,
     h, w), in which what is no number says nothing."""
     weight, rows = np.ones(len(probability)), range(probability.shape[1])
-    for _ in range(SWEEPS):
-        share = np.mean([_weighted(probability[:, i], weight).mean(axis=1) for i in rows], axis=0)
-        weight = np.maximum(share, LEAST_SHARE) ** HALF
+    says = np.isfinite(probability).all(axis=0)
+    for _ in range(SWEEPS if says.any() else 0):
+        share = sum(_weighted(probability[:, i, says[i]], weight).sum(axis=1) for i in rows)
+        weight = np.maximum(share / np.count_nonzero(says), LEAST_SHARE) ** HALF
     nats = scratch.empty(probability.shape, np.float32)
     for i in rows:
         nats[:, i] = HALF * np.log(np.maximum(_weighted(probability[:, i], weight), LEAST))

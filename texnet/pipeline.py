@@ -63,7 +63,7 @@ class Decomposition:
                           enough (`doubt`), only the neighbours speak for the one given, or the
                           pixel is saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
-    dead                  True where nothing was measured: all maps are a neighbour's
+    dead                  True where nothing was measured: all maps are the nearest pixel's that was
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
     gain, offset_k        of the camera, and

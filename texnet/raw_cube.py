@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from physics import scratch
-from physics.dead_pixels import MOST, lit
+from physics.dead_pixels import lit
 from physics.errors import InputError
 from physics.heat_cube import TYPICAL_K, HeatCube, sampling_step
 from physics.planck import brightness_temperature
@@ -143,7 +143,8 @@ def heat_cube(raw, netd_k=None, progress=None):
     half, warning = _typical_k(radiance, w, raw.unit)
     cube = HeatCube(radiance, w, fwhm, raw.netd_k if netd_k is None else netd_k)
     if dead := int(np.count_nonzero(cube.dead)):
-        words.append(f"{dead} pixel{'s' * (dead > 1)} without a measurement, to be unknown")
+        share = f" ({dead / cube.dead.size:.0%})" if dead > 0.01 * cube.dead.size else ""
+        words.append(f"{dead} pixel{'s' * (dead > 1)}{share} without a measurement, to be unknown")
     return cube, "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
 
 
@@ -197,7 +198,6 @@ def _radiance(raw, kept, gain, offset, progress):
     slowest = int(np.argmax(np.where(np.array(shape) > 1, strides, 0)))
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
-    ignored = np.zeros(len(kept), np.int64)
     for start in range(0, radiance.shape[slowest], step):
         at = [slice(None)] * 3
         at[slowest] = slice(start, start + step)
@@ -210,20 +210,11 @@ def _radiance(raw, kept, gain, offset, progress):
             part *= gain[bands, None, None]
             part += offset[bands, None, None]
             if raw.ignore is not None:
-                nothing = found == raw.ignore
-                part[nothing] = np.nan
-                ignored[bands] += np.count_nonzero(nothing, axis=(1, 2))
+                part[found == raw.ignore] = np.nan
             radiance[tuple(at)] = part
         scratch.release(radiance)
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
-    size = radiance[0].size
-    half = int(np.quantile(ignored, 0.5, method="lower"))  # bands that have more are dead
-    if half > MOST * size:
-        raise InputError(
-            f"cube: {half} of {size} pixels hold the data ignore value {raw.ignore:g}, more than "
-            f"the {MOST:.0%} that may be dead; cut out a part by --rows and --columns."
-        )
     radiance.setflags(write=False)
     return radiance
 

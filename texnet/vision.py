@@ -8,6 +8,8 @@ pseudo-colours.
 import numpy as np
 from matplotlib.colors import hsv_to_rgb
 
+from physics.dead_pixels import gaps
+
 from .metrics import non_sky
 from .stretch import stretch
 
@@ -25,11 +27,13 @@ def tex_vision(decomposition):
     value       sky-lit texture, 1st to 99th percentile of the same -> 0.15..1, gamma 0.8
 
     The sky is evenly pale and bright: what an answer holds there is of what may stand before it.
+    Areas in which nothing was measured are black.
     """
     d = decomposition
     ground = non_sky(d)
-    warmth = stretch(d.temperature_k, ground, 2, 98)
-    light = stretch(d.sky_texture, ground, 1, 99) ** GAMMA
+    seen = ground & ~d.dead
+    warmth = stretch(d.temperature_k, seen, 2, 98)
+    light = stretch(d.sky_texture, seen, 1, 99) ** GAMMA
     hsv = np.stack(
         [
             (np.asarray(d.hue_deg) % 360 / 360)[d.material],
@@ -38,6 +42,7 @@ def tex_vision(decomposition):
         ],
         axis=-1,
     )
+    hsv[gaps(d.dead), 2] = 0
     return np.rint(255 * hsv_to_rgb(hsv)).astype(np.uint8)
 
 

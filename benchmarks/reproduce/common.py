@@ -61,7 +61,8 @@ def true_vision(truth):
     """The TeX vision of a Truth, whose materials are the starter library's: (H, W, 3) uint8."""
     starter = MaterialLibrary.starter()
     hue_deg = starter.hue_deg[[starter.index(name) for name in truth.material_names]]
-    return tex_vision(SimpleNamespace(**vars(truth), hue_deg=hue_deg))
+    none = np.zeros(truth.material.shape, bool)
+    return tex_vision(SimpleNamespace(**vars(truth), hue_deg=hue_deg, dead=none))
 
 
 def dpi(shape):
