@@ -148,6 +148,15 @@ def test_every_unit_of_bands(tmp_path, words, centre):
     check_same(import_cube(path, "W/m2/sr/um")[0])
 
 
+@pytest.mark.parametrize("words", [None, "", "Unknown", "unknown"])
+@pytest.mark.parametrize("axis, centre", [("um", W), ("nm", 1e3 * W), ("cm-1", NU)])
+def test_bands_of_a_thermal_camera_tell_their_unit(tmp_path, words, axis, centre):
+    path = envi(tmp_path / "a", S, wavelength=centre, wavelength_units=words)
+    cube, note = import_cube(path, "W/m2/sr/um")
+    check_same(cube)
+    assert f"wavelengths taken to be in {axis}, since their unit is not stated" in note
+
+
 def test_widths_by_hand(tmp_path):
     """5 cm-1 at 1000 cm-1 is 10025.06 nm - 9975.06 nm = 50 nm, and 4 times as much at 500 cm-1."""
     for centre, units, width in [
@@ -251,8 +260,9 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
         (dict(wavelength_units="Nanometers"), "13.8889-8 nm leave 1-100 um"),
         (dict(wavelength=None), "does not say where its 6 bands lie"),
         (dict(wavelength_units="Index"), "where its wavelength units are 'Index'"),
-        (dict(wavelength_units="Unknown"), "write Micrometers, Nanometers or Wavenumber"),
-        (dict(wavelength_units=None), "where its wavelength units are missing"),
+        (dict(wavelength_units="Unknown", wavelength=W / 2),
+         "write Micrometers, Nanometers or Wavenumber"),
+        (dict(wavelength_units=None, wavelength=W / 2), "its wavelength units are missing"),
         (dict(fwhm=-W), "one width >= 0"),
         (dict(bbl=np.zeros(6)), "all of its bands bad"),
         (dict(data_gain_values=W[:1]), "data gain values holds 1 numbers where 6 are needed"),

@@ -324,7 +324,7 @@ def test_envi_spectral_libraries(tmp_path):
         (dict(spectra_names="{a, b}"), "2 spectra names for 3 spectra"),
         (dict(spectra_names=None), "spectra names is missing"),
         (dict(wavelength=None), "it must have wavelength"),
-        (dict(wavelength_units="Unknown"), "wavelength units: Micrometers"),
+        (dict(wavelength_units="Index"), "wavelength units: Micrometers"),
         (dict(wavelength_units="Nanometers"), "no two bands in 7-15 um"),
         (dict(file_type="ENVI Standard"), "must be ENVI Spectral Library"),
         (dict(lines=4), "is cut off"),

@@ -38,6 +38,8 @@ AXES = {
         "wavenumber (cm^-1)",
     ),
 }
+# bands of thermal cameras, which no two units share
+THERMAL = {"um": (5.0, 20.0), "nm": (5e3, 2e4), "cm-1": (500.0, 2000.0)}
 BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc", ".sli")  # suffixes
 CUBES, LIBRARIES = ("envi", "envi standard"), ("envi spectral library",)  # types of files
 ABSENT = ("file compression", "major frame offsets", "minor frame offsets")  # or zero
@@ -58,10 +60,12 @@ def read_envi(path):
     words = [f"{unread} bytes after the last pixel left unread"] if unread else []
     gain, offset, scaled = _scale(header, bands)
     centre, fwhm = header.numbers("wavelength", bands), header.numbers("fwhm", bands)
-    said, axis, hint = header.word("wavelength units", ""), header.axis(), ""
+    said, hint = header.word("wavelength units", ""), ""
+    axis, not_said = header.axis(centre)
     if axis is None and centre is not None:
         said = f"are {said[:60]!r}" if said else "are missing"
         hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
+    words += not_said
     if axis is None:
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored(dtype)
@@ -111,7 +115,8 @@ def read_spectra(path):
         raw[0] == header.ignored(dtype), np.nan, gain * raw[0].astype(np.float64) + offset
     )
     names = header.word("spectra names").strip("{} ").split(",")
-    centre, axis = header.numbers("wavelength", values.shape[1]), header.axis()
+    centre = header.numbers("wavelength", values.shape[1])
+    axis, _ = header.axis(centre)
     if len(names) != len(values):
         raise header.error(f"there are {len(names)} spectra names for {len(values)} spectra")
     if centre is None or axis is None:
@@ -239,10 +244,16 @@ class _Header:
             raise self.error(f"the field {key} is missing")
         return text
 
-    def axis(self):
-        """Of its wavelengths: "um", "nm" or "cm-1"; None if it is not said."""
+    def axis(self, centre):
+        """Of its wavelengths, centre: "um", "nm" or "cm-1", and words on it if it is not said but
+        can be one alone; else None."""
         said = self.word("wavelength units", "").lower()
-        return next((axis for axis, names in AXES.items() if said in names), None)
+        if said not in ("", "unknown") or centre is None:
+            return next((axis for axis, names in AXES.items() if said in names), None), []
+        for axis, (low, high) in THERMAL.items():
+            if low <= centre.min() and centre.max() <= high:
+                return axis, [f"wavelengths taken to be in {axis}, since their unit is not stated"]
+        return None, []
 
     def ignored(self, dtype):
         """What stands for no measurement among numbers of a dtype; None if nothing does."""
