@@ -101,7 +101,8 @@ def downwelling(atmosphere, wavelength_um, fwhm_um):
     node, weight = np.polynomial.legendre.leggauss(64)
     cosine = (node + 1) / 2
     # 2 cos d(cos) over 0..1; the nodes' weights sum to 2
-    return bands.average(weight * cosine @ sky_radiance(bands.fine_um, cosine, atmosphere))
+    lit = bands.in_cells(lambda w: sky_radiance(w, cosine, atmosphere))
+    return bands.average(weight * cosine @ lit)
 
 
 def by_texnet(method, model=None):

@@ -246,7 +246,7 @@ def simulator(library):
     )  # fmt: skip
     pixels = SIMULATED[0] * SIMULATED[1]
     row = timed("simulate", pixels, run)
-    w = Bands.of(w, fwhm).fine_um
+    w = np.unique(Bands.of(w, fwhm).fine_um)
     fine = MaterialLibrary(library.names, w, library.at(w), library.hue_deg, library.albedo_rgb)
     traced = trace_on_demand(scene, SIMULATED, SPP, 7, fine)
     embree = _Timed(traced.blocks._tracer._embree)

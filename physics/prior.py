@@ -7,6 +7,9 @@ from .planck import brightness_temperature
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
+# so many of the pixels look that much warmer than the usual one, at most; what that adds, at most,
+# since they may be on fire
+WARM, WARMER_K, MOST_K = 0.1, 12.0, 60.0
 HOTTEST, FAR_K = 0.02, 50.0  # of the pixels, and above the others: fires, defects
 V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
 
@@ -31,14 +34,21 @@ def usual_temperature(cube, environment):
     their most opaque band. It is that of most objects, whatever these are made of: a mirror too
     looks nearly as warm as they where the sky is opaque. Nor is it less than the sky's own there,
     which is about the air's: mirrors of the clear sky overhead look colder than the sky in view.
+    Where no band is opaque mirrors look much colder than they are, and there may be many of them;
+    so it is not far below the warmest either.
     """
     s = cube.sample(USUAL_SAMPLES)
     t = brightness_temperature(cube.wavelength_um, s).max(axis=1)
     if environment.sky_mean is None:
-        return float(np.median(t))
+        return _usual(t)
     off = (s - environment.sky_mean) / cube.sigma
     u = environment.sky_spread / cube.sigma
     chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
     ground = chi2 > SKY_CHI2 * cube.bands
     air = brightness_temperature(cube.wavelength_um, environment.sky_mean).max()
-    return float(max(air, np.median(t[ground] if ground.any() else t)))
+    return max(float(air), _usual(t[ground] if ground.any() else t))
+
+
+def _usual(t):
+    half, warm = np.quantile(t, [0.5, 1 - WARM])
+    return float(half + np.clip(warm - WARMER_K - half, 0, MOST_K))

@@ -11,6 +11,7 @@ from physics.prior import scene_temperatures, usual_temperature
 from physics.sky import Atmosphere, sky_radiance
 
 AIR_K, METAL = 290.0, 0.05
+TWO = MaterialLibrary.starter().subset(["steel", "soil"])  # and no sky
 
 
 @pytest.mark.parametrize("bands", [4, 9, 54])
@@ -34,3 +35,30 @@ def test_metal_that_mirrors_a_cold_sky_does_not_make_the_scene_cold(bands):
     assert np.median(scene_temperatures(cube)) < AIR_K - 15
     assert np.median(plates) < AIR_K - 10  # what the pixels alone would say
     assert AIR_K - 12 < usual < AIR_K + 3
+
+
+@pytest.mark.parametrize("bands", [2, 3, 4])
+@pytest.mark.parametrize("metal", [0.0, 0.65])
+def test_mirrors_in_the_window_leave_the_scene_as_warm_as_the_rest(bands, metal):
+    """No band is opaque, so that each plate looks tens of kelvin colder than it is; the rest of
+    the ground is nearly black."""
+    w, air, rng = np.linspace(9.0, 12.0, bands), Atmosphere(AIR_K, 1.0), np.random.default_rng(0)
+    black = radiance(w, rng.normal(AIR_K, 2.0, 1200)[:, None])
+    overhead = sky_radiance(w, rng.uniform(0.7, 1.0, 1200), air)
+    plates = 0.2 * black + 0.8 * overhead
+    s = np.where(rng.random(1200)[:, None] < metal, plates, black)
+    s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(bands, 40, 30), w, netd_k=0.05)
+    environment = estimate_environment(cube, TWO, 2)
+    t = brightness_temperature(w, s).max(axis=1)
+    assert np.median(t) < AIR_K - 15 if metal else np.median(t) > AIR_K - 1
+    assert abs(usual_temperature(cube, environment) - AIR_K) < (15 if metal else 1)
+
+
+def test_a_tenth_on_fire_does_not_make_the_scene_hot():
+    w = np.linspace(8.0, 13.0, 6)
+    t = np.where(np.arange(1200) % 8 == 0, 600.0, 290.0)
+    s = radiance(w, t[:, None]).T.reshape(6, 40, 30)
+    cube = HeatCube(s, w, netd_k=0.05)
+    environment = estimate_environment(cube, TWO, 2)
+    assert usual_temperature(cube, environment) < 290 + 61

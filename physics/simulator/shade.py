@@ -17,7 +17,7 @@ With every emitter but the sky switched off, the same path gives
 X_sky = (prod_{1 <= i < d} (1 - e_i) / q_i) B_d if it leaves for the sky, else 0.
 
 Planck's law and the sky are read from tables, linear in between; of the noise of a 50 mK
-camera this costs under 1e-4 (Planck, 8-14 um) and 4e-3 (sky, at the horizon).
+camera this costs under 1e-4 (Planck, 8-14 um) and 0.02 (sky, at the horizon).
 """
 
 from dataclasses import dataclass
@@ -30,12 +30,12 @@ from ..sky import sky_radiance
 from .trace import SKY
 
 TEMPERATURE_STEP_K = 1 / 32
-SKY_ROWS = 1025
+SKY_ROWS = 513
 
 
 @dataclass(frozen=True, eq=False)
 class Shader:
-    """Tables over the n wavelengths that paths are shaded at, float32.
+    """Tables over the n cells of bands that paths are shaded in (`sensor`), float32.
 
     glow         (temperatures, n) B(T) from coldest_k in steps of TEMPERATURE_STEP_K
     coldest_k    K
@@ -55,23 +55,24 @@ class Shader:
     sky: np.ndarray
 
     @staticmethod
-    def build(wavelength_um, emissivity, q, temperature_range_k, atmosphere, kind=None):
-        """Tables for (n,) ascending wavelengths in um.
+    def build(bands, emissivity, q, temperature_range_k, atmosphere, kind=None):
+        """Tables for Bands.
 
-        emissivity (materials, n); q (materials,) roulette; temperature_range_k (low, high);
-        atmosphere or None; kind (materials,), each its own if None.
+        emissivity (materials, n) of their cells; q (materials,) roulette; temperature_range_k
+        (low, high); atmosphere or None; kind (materials,), each its own if None.
         """
         low, high = temperature_range_k
         coldest = np.floor(low)
         rows = int(np.ceil((high - coldest) / TEMPERATURE_STEP_K)) + 2
         t = coldest + TEMPERATURE_STEP_K * np.arange(rows)
         if atmosphere is None:
-            sky = np.zeros((1, len(wavelength_um)))
+            sky = np.zeros((1, len(bands.fine_um)))
         else:
             mu = np.linspace(0, 1, SKY_ROWS) ** 2
-            sky = sky_radiance(wavelength_um, mu, atmosphere)
+            sky = bands.in_cells(lambda w: sky_radiance(w, mu, atmosphere))
+        glow = bands.in_cells(lambda w: radiance(w, t[:, None]))
         return Shader(
-            radiance(wavelength_um, t[:, None]).astype(np.float32), float(coldest),
+            glow.astype(np.float32), float(coldest),
             (1 - emissivity).astype(np.float32),
             ((1 - emissivity) / q[:, None]).astype(np.float32),
             np.arange(len(q)) if kind is None else kind, sky.astype(np.float32),

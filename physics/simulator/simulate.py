@@ -4,6 +4,8 @@ Each block of pixels is traced when its turn to be shaded comes and dropped afte
 memory holds a few blocks of paths however large the picture.
 """
 
+import numpy as np
+
 from ..library import MaterialLibrary
 from .sensor import Bands
 from .traced import trace_on_demand
@@ -29,7 +31,7 @@ def simulate(
     where rays leave a scene without atmosphere.
     """
     library = MaterialLibrary.starter() if library is None else library
-    fine_um = Bands.of(wavelength_um, fwhm_um).fine_um
+    fine_um = np.unique(Bands.of(wavelength_um, fwhm_um).fine_um)
     # The roulette need not heed what the curves do outside the bands.
     at_bands = MaterialLibrary(
         library.names, fine_um, library.at(fine_um), library.hue_deg, library.albedo_rgb

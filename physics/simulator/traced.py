@@ -80,10 +80,10 @@ class TracedScene:
         if not 0 <= netd_k <= MAX_NETD_K:
             raise InputError(f"simulate: NETD must be 0 to {MAX_NETD_K:g} K, got {netd_k}.")
         bands = Bands.of(wavelength_um, fwhm_um)
-        emissivity = library.at(bands.fine_um)
+        emissivity = bands.in_cells(library.at)
         kind = self._kinds(library, materials)
         shader = Shader.build(
-            bands.fine_um, emissivity[kind], self.roulette, self.temperature_range_k,
+            bands, emissivity[kind], self.roulette, self.temperature_range_k,
             self.atmosphere, kind,
         )  # fmt: skip
         albedo_rgb = library.albedo_rgb[kind]
@@ -115,7 +115,7 @@ class TracedScene:
         e = bands.average(emissivity).T[:, np.where(sky, 0, material)].astype(np.float32)
         if sky.any():
             air = self.atmosphere.air_temperature_k
-            glow = bands.average(radiance(bands.fine_um, air))
+            glow = bands.average(bands.in_cells(lambda w: radiance(w, air)))
             temperature_k[sky] = air
             e[:, sky] = np.minimum(x[:, sky] / glow[:, None], 1)
             x[:, sky] = 0
