@@ -22,31 +22,35 @@ def lit(radiance):
     return (radiance > 0) & (radiance < np.inf)
 
 
-def dead_pixels(radiance, wavelength_um):
+def dead_pixels(radiance, wavelength_um, stated=False):
     """Of radiance (bands, height, width), W m-2 sr-1 um-1: (height, width) bool, the dead pixels;
     (bands,) bool, the dead bands; and whether any of these holds numbers that look like radiance.
+
+    stated  (height, width) bool: pixels that are known to be dead, however many
 
     Raises InputError where more than half of the bands are dead, or more than MOST of the pixels
     that hold anything, or none holds anything.
     """
     limit = planck(wavelength_um, MAX_K)
-    empty, count = np.ones(radiance.shape[1:], bool), np.zeros(len(radiance), np.int64)
+    empty, suspect = np.ones(radiance.shape[1:], bool), np.zeros(len(radiance), bool)
     for b, band in enumerate(scratch.parts(radiance)):
         empty &= (band == 0) | ~np.isfinite(band)
-        count[b] = np.count_nonzero(_bad(band, limit[b]))
+        suspect[b] = _bad(band, limit[b]).any()
+    empty |= stated
     of = empty.size - np.count_nonzero(empty)
     if not of:
         raise InputError("cube: all of its pixels are zero, NaN or infinite in every band.")
-    share = (count - (empty.size - of)) / of
-    dead, misleads = empty.copy(), False
-    for b in np.flatnonzero(share):
+    dead, share, misleads = empty.copy(), np.zeros(len(radiance)), False
+    for b in np.flatnonzero(suspect):
+        bad = _bad(radiance[b], limit[b]) & ~empty
+        share[b] = np.count_nonzero(bad) / of
         if share[b] <= MOST:
-            dead |= _bad(radiance[b], limit[b])
+            dead |= bad
         else:
             misleads |= lit(radiance[b]).any()
         scratch.release(radiance)
     half = float(np.quantile(share, 0.5, method="lower"))
-    dead_of_them = (np.count_nonzero(dead) - (empty.size - of)) / of
+    dead_of_them = np.count_nonzero(dead & ~empty) / of
     if max(half, dead_of_them) > MOST:
         b = np.flatnonzero(share if half > MOST else (share > 0) & (share <= MOST))[0]
         row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]

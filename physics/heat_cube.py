@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import scratch
-from .dead_pixels import dead_pixels, filled, without_dead
+from .dead_pixels import dead_pixels, filled, lit, without_dead
 from .errors import InputError
 from .planck import brightness_temperature, noise_sigma
 
@@ -93,12 +93,10 @@ class HeatCube:
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
                 "give one wavelength per band, bands first."
             )
-        dead, dark, misleads = dead_pixels(s, w)
-        if self.dead is not None:
-            stated = np.asarray(self.dead)
-            if stated.shape != dead.shape or stated.dtype != bool or stated.all():
-                raise InputError("cube: dead must be (height, width) bool, and not all true.")
-            dead |= stated
+        stated = np.zeros(s.shape[1:], bool) if self.dead is None else np.asarray(self.dead)
+        if stated.shape != s.shape[1:] or stated.dtype != bool or stated.all():
+            raise InputError("cube: dead must be (height, width) bool, and not all true.")
+        dead, dark, misleads = dead_pixels(s, w, stated)
         if misleads or dead.any():
             s = filled(s, dead, dark)
         some = np.quantile(np.flatnonzero(~dark), [0, 0.5, 1], method="lower")
@@ -225,16 +223,21 @@ class HeatCube:
         if self.netd_k is not None:
             return self
         sigma = noise_sigma(self.wavelength_um, 1.0)
-        if self.bands >= 12 and self.measured_count > 2 * self.bands:
-            variance = np.linalg.eigvalsh(np.cov((self.sample(20000) / sigma).T))
+        s = self.sample(20000)
+        shows = lit(s).all(axis=0)
+        bands = np.count_nonzero(shows)
+        if bands >= 12 and self.measured_count > 2 * bands:
+            variance = np.linalg.eigvalsh(np.cov((s / sigma)[:, shows].T))
             netd = np.sqrt(max(0.0, np.median(variance)))  # rounding can bring it below 0
-        elif self.shape[1] >= 3 and (of := self._measured_in_threes).any():
+        elif bands and self.shape[1] >= 3 and (of := self._measured_in_threes).any():
             square = 0.0
-            for band, s in zip(scratch.parts(self.radiance), sigma, strict=True):
-                second = (band[1:-1].astype(np.float64) - 0.5 * (band[:-2] + band[2:])) / s
-                square = square + second**2 / (1.5 * self.bands)
+            for b in np.flatnonzero(shows):
+                band = self.radiance[b]
+                second = (band[1:-1].astype(np.float64) - 0.5 * (band[:-2] + band[2:])) / sigma[b]
+                square = square + second**2 / (1.5 * bands)
+                scratch.release(self.radiance)
             # the quartile of chi-square over its degrees of freedom (Wilson and Hilferty 1931)
-            spread = 2 / (9 * self.bands)
+            spread = 2 / (9 * bands)
             least = np.quantile(square[of], 0.25)
             netd = np.sqrt(least / (1 - spread - 0.67449 * spread**0.5) ** 3)
         else:

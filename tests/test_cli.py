@@ -487,6 +487,16 @@ def test_a_reader_that_has_seen_enough_and_a_full_disk():
         assert done.stderr.count(b"\n") == 1
 
 
+@pytest.mark.skipif(os.name != "posix", reason="closes a file descriptor before the start")
+@pytest.mark.parametrize("kind", [".exr", ".npz"])
+def test_a_closed_stderr(tmp_path, cube, kind):
+    write_cube(read_cube(cube), tmp_path / f"a{kind}")
+    code = "import os, sys; os.close(2); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    words = ["-m", "texnet.cli", "import", tmp_path / f"a{kind}", "--out", tmp_path / "b.npz"]
+    done = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True)
+    assert done.returncode == 0 and (tmp_path / "b.npz").exists()
+
+
 def test_names_beyond_the_terminals_letters(tmp_path):
     text = "wavelength_um,caf\xe9\n8,0.9\n8.5,0.9\n"
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")

@@ -598,6 +598,7 @@ def test_one_band_has_one_centre(tmp_path, capfd):
         (["--rows", "2:"], "no rows 2:, but 0:2"),
         (["--columns", "3:3"], "no columns 3:3, but 0:4"),
         (["--columns", "1-3"], "need FROM:TO such as 10:500"),
+        (["--range", "13:8"], "need LOW:HIGH such as 8:13, in um, got '13:8'"),
         (["--range", "3:5"], "no good band lies within 3-5 um; they lie at 8-13.89 um"),
     ],
 )

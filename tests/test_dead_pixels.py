@@ -203,6 +203,31 @@ def test_noise_is_not_estimated_from_copies():
         assert wide.with_netd().netd_k == pytest.approx(alone.with_netd().netd_k, rel=0.02)
 
 
+@pytest.mark.parametrize("bands", [36, 6])
+def test_noise_is_that_of_the_bands_that_show_the_scene(bands):
+    """Whether or not a pixel is dead besides."""
+    cube = traced("forest", 54)[0]
+    cube = cube.only(np.isin(np.arange(54), np.linspace(0, 53, bands).round()))
+    s = cube.radiance.copy()
+    s[2] = 0
+    one = HeatCube(s, cube.wavelength_um, cube.fwhm_um).with_netd().netd_k
+    s[4, 7, 7] = 0
+    other = HeatCube(s, cube.wavelength_um, cube.fwhm_um).with_netd().netd_k
+    rest = cube.only(np.arange(bands) != 2)
+    alone = HeatCube(rest.radiance, rest.wavelength_um, rest.fwhm_um).with_netd().netd_k
+    assert one == pytest.approx(alone, rel=1e-6) and other == pytest.approx(alone, rel=0.01)
+
+
+def test_stated_ones_may_be_many_and_come_back(tmp_path):
+    cube, _ = traced("forest", 54)
+    stated = np.random.default_rng(0).random(cube.shape) < 0.3
+    s = np.where(stated & (np.arange(54) == 7)[:, None, None], -1, cube.radiance)
+    of = HeatCube(s, cube.wavelength_um, cube.fwhm_um, 0.05, dead=stated)
+    np.testing.assert_array_equal(of.dead, stated)
+    write_cube(of, tmp_path / "a.npz")
+    np.testing.assert_array_equal(read_cube(tmp_path / "a.npz").dead, stated)
+
+
 def test_the_commands_say_how_many(tmp_path, capsys):
     cube, dead = with_dead(traced("forest", 54)[0], 0.01)
     np.savez(tmp_path / "a.npz", radiance=cube.measured(), wav=cube.wavelength_um)

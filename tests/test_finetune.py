@@ -250,30 +250,50 @@ def test_another_noise_is_another_run(cache, cube):
 
 def test_crops_are_small_and_know_the_whole_cube(cube):
     tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
-    both = Crops([tall, cube], NEW, 0, 96)
+    both = Crops([tall, cube], [False] * 2, NEW, 0, 96)
     assert len(both) == 2
     shapes = {tuple(both[i][0].radiance.shape) for i in range(4)}
     assert shapes == {(20, 96, 24), (20, 24, 24)}
     sample, _ = both[2]
-    again, _ = Crops([tall, cube], NEW, 0, 96)[2]
+    again, _ = Crops([tall, cube], [False] * 2, NEW, 0, 96)[2]
     assert torch.equal(sample.radiance, again.radiance) and sample.material is None
-    assert any(torch.equal(sample.known.environment, k.environment) for k in both.cubes[0][1])
+    assert any(torch.equal(sample.known.environment, k.environment) for k in both.cubes[0][-1])
     narrow = MaterialLibrary(NEW.names, [9.0, 12.0], NEW.at([9.0, 12.0]))
     with pytest.raises(InputError, match="its curves cover 9-12 um"):
-        Crops([cube], narrow, 0, 96)
+        Crops([cube], [False], narrow, 0, 96)
     pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
-    assert len(Crops([pixel], NEW, 0, 96).cubes[0][1]) == 1  # one object at most
+    assert len(Crops([pixel], [False], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
 
 
 def test_a_camera_s_gain_is_not_learned():
     seen = traced_cube("forest", 54)[0]
     bright = HeatCube(1.03 * seen.radiance, seen.wavelength_um, seen.fwhm_um, seen.netd_k)
-    right, taken = (calibrated(c, STARTER, shipped_network()) for c in (seen, bright))
+    right, taken = (calibrated(c, STARTER, shipped_network())[0] for c in (seen, bright))
     np.testing.assert_array_equal(right.radiance, seen.radiance)
     assert np.median(taken.radiance / seen.radiance) == pytest.approx(1, abs=0.005)
     fine = HeatCube(seen.radiance, seen.wavelength_um, seen.fwhm_um, 0.005)
     as_taken = decompose(fine, model=torch_model()).netd_k
-    assert calibrated(fine, STARTER, shipped_network()).netd_k == as_taken
+    assert calibrated(fine, STARTER, shipped_network())[0].netd_k == as_taken
+
+
+def test_a_sky_that_decompose_assumes_is_learned_with():
+    seen = traced_cube("forest", 54)[0]
+    below = HeatCube(seen.radiance[:, 30:], seen.wavelength_um, seen.fwhm_um, seen.netd_k)
+    right, assumed = calibrated(below, STARTER, shipped_network())
+    assert assumed == decompose(below, model=torch_model()).sky_assumed
+    for assume in (False, True):
+        skies = [k.sky_object.sum() for k in Crops([right], [assume], STARTER, 0, 96).cubes[0][-1]]
+        assert (np.array(skies[1:]) > 0).all() == assume and skies[0] == 0
+
+
+def test_crops_lie_around_what_was_measured(cube):
+    s = np.zeros((cube.bands, 400, 300), np.float32)
+    s[:, 200:224, 100:124] = cube.radiance
+    crops = Crops([HeatCube(s, cube.wavelength_um, cube.fwhm_um, 0.05)], [False], NEW, 0, 48)
+    measured = {tuple(x) for x in cube.spectra}
+    for i in range(8):
+        seen = crops[i][0].radiance.reshape(cube.bands, -1).T.numpy()
+        assert len({tuple(x) for x in seen} & measured) > 1
 
 
 # --- the command line --------------------------------------------------------------------

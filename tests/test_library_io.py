@@ -153,6 +153,14 @@ def test_the_starter_librarys_sky_is_added_when_asked_for(tmp_path):
         import_library(path, sky="rock0", add_sky=True)
 
 
+def test_black_is_a_measurement_and_less_is_none(tmp_path):
+    w, e = np.linspace(7.5, 14.5, 71), np.full(71, 0.9)
+    e[20:27], e[40:43] = 1.0, 1.5  # reflectance 0, and -50 %
+    library, _ = import_library(spectrum(tmp_path / "a.txt", w, e))
+    np.testing.assert_allclose(library.at(w[20:27]), 1, atol=1e-9)
+    np.testing.assert_allclose(library.at(w[28:]), 0.9, atol=1e-9)
+
+
 def test_percent_fraction_and_other_spellings(tmp_path):
     w, e = np.array([8.0, 9.0, 10.0]), np.array([0.9, 0.95, 0.85])
     percent = spectrum(tmp_path / "p.txt", w, e)

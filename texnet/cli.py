@@ -144,7 +144,7 @@ def _parser():
             "missing",
         )  # fmt: skip
     p.add_argument(
-        "--range", metavar="LOW:HIGH", type=_first_last,
+        "--range", metavar="LOW:HIGH", type=_low_high,
         help="the bands alone whose centres lie in it, um",
     )
 
@@ -354,6 +354,13 @@ def _first_last(text):
     match = re.fullmatch(r"([0-9]{1,6}\.?[0-9]{0,9}):([0-9]{1,6}\.?[0-9]{0,9})", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"need FIRST:LAST such as 760:1240, got {text!r}")
+    return float(match[1]), float(match[2])
+
+
+def _low_high(text):
+    match = re.fullmatch(r"([0-9]{1,3}\.?[0-9]{0,9}):([0-9]{1,3}\.?[0-9]{0,9})", text)
+    if match is None or float(match[1]) > float(match[2]):
+        raise argparse.ArgumentTypeError(f"need LOW:HIGH such as 8:13, in um, got {text!r}")
     return float(match[1]), float(match[2])
 
 

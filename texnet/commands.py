@@ -286,7 +286,7 @@ def bench_speed(args):
 
     from .outputs import check_directory
 
-    check_directory(args.out)
+    check_directory(args.out, names=("speed.json", "growth.csv", "growth.png"))
     result = measure(args.out)
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
 
@@ -297,7 +297,7 @@ def bench_stability(args):
     from .outputs import check_directory
     from .progress import progress_bar
 
-    check_directory(args.out)
+    check_directory(args.out, names=("stability.csv", "missing.csv", "atlas.png", "atlas.md"))
     with progress_bar() as report:
         rows, missing, faults = measure(args.out, progress=report)
     files = f"{args.out}: stability.csv, missing.csv, atlas.png, atlas.md."
@@ -311,7 +311,7 @@ def bench_chart(args):
     from .outputs import check_directory
     from .progress import progress_bar
 
-    check_directory(args.out)
+    check_directory(args.out, names=("chart.csv", "chart.png", "methods.csv"))
     try:
         with progress_bar() as report:
             result = measure(args.out, args.network, report)
@@ -328,7 +328,7 @@ def reproduce(args):
     from .outputs import check_directory
     from .progress import progress_bar
 
-    check_directory(args.out)
+    check_directory(args.out, names=())
     with progress_bar() as report:
         text, result = make(args.figure, args.out, args.full, report)
     return text, {"command": "reproduce", "figure": args.figure} | result

@@ -209,7 +209,13 @@ def _quiet_library():
 
 @contextmanager
 def _redirected():
-    saved, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        saved = os.dup(2)
+    except OSError:  # closed already
+        with redirect_stdout(io.StringIO()):
+            yield
+        return
+    null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
         with redirect_stdout(io.StringIO()):

@@ -387,7 +387,8 @@ def _read_text(path):
     # By the last key, because descriptions run over lines and the number of keys varies.
     rows = [line.split() for line in lines[matches[-1][0] + 1 :] if line.strip()]
     numbers = [[_number(cell) for cell in row] for row in rows]
-    good = [row for row in numbers if len(row) == 2 and all(v is not None and v > 0 for v in row)]
+    pairs = [row for row in numbers if len(row) == 2 and None not in row]
+    good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # less marks what is not measured
     # Instruments that meet at one wavelength both give it: their mean.
     w, where = np.unique([row[0] for row in good], return_inverse=True)
     r = scale * np.bincount(where, [row[1] for row in good]) / np.bincount(where)

@@ -32,16 +32,17 @@ NPZ_KEYS = (
 )  # fmt: skip
 
 
-def check_directory(directory, *inputs):
+def check_directory(directory, *inputs, names=FILES):
     """Raise InputError, before the work, if no folder could be made or written there.
 
     inputs  what is read, paths or None: none of the files may be written over it
+    names   of the files
     """
     directory = Path(directory)
     if os.path.lexists(directory) and not directory.is_dir():
         raise InputError(f"cannot write into {directory}: it is a file or a dead link, no folder.")
     if directory.is_dir():
-        for name in FILES:
+        for name in names:
             check_writable(directory / name, *inputs)
     else:
         check_writable(directory)

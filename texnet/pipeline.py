@@ -144,8 +144,9 @@ def decompose(
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
                  temperature_sigma_k holds it if stated
-    model        for net and net+sgd, run(radiance, known, progress, expected, regions) -> maps,
-                 such as export.Runtime(FILE).run; the shipped weights in torch if None
+    model        run(radiance, known, progress, expected, regions) -> maps: for net+sgd such as
+                 export.Runtime(FILE).run, for net learned.torch_model(False, network); the
+                 shipped weights in torch if None
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.

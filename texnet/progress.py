@@ -1,5 +1,6 @@
 """Progress on a terminal: report(done, total, what) drawn as one bar on stderr."""
 
+import sys
 from contextlib import contextmanager
 
 COMPILING = "compiling, for the first time only"
@@ -26,18 +27,20 @@ def compiling(report):
 
 @contextmanager
 def progress_bar():
-    """Yield report(done, total, what); a new bar for each `what`, silent off a terminal."""
+    """Yield report(done, total, what); a new bar for each what and total, silent off a terminal."""
     from tqdm import tqdm
 
     bar, current = None, None
 
     def report(done, total, what):
         nonlocal bar, current
-        if what != current:
+        if (what, total) != current:
             if bar is not None:
                 bar.close()
-            # disable=None: tqdm stays silent where stderr is not a terminal.
-            bar, current = tqdm(total=total, desc=what, disable=None, leave=False), what
+            # disable=None: tqdm stays silent where stderr is not a terminal
+            silent = True if sys.stderr is None else None
+            bar = tqdm(total=total, desc=what, disable=silent, leave=False)
+            current = what, total
         bar.update(done - bar.n)
 
     try:

@@ -1,7 +1,7 @@
 """What the network learns from without truth: crops of somebody's own cubes.
 
 The environment is estimated from the whole cube, once for each number of objects; a draw takes
-one of them and a random crop.
+one of them and a random crop, around a pixel that is not dead.
 """
 
 import numpy as np
@@ -18,32 +18,37 @@ from .samples import OBJECTS, Sample, features
 
 class Crops(Dataset):
     """Draw number i of HeatCubes, each in its turn: an unlabelled Sample and its Stem, of
-    at most side x side pixels.
+    at most side x side pixels. Where assume_sky says so of a cube, a usual sky is assumed.
 
     The Sample has `known` and `radiance`; the rest, truth and a glance, is None. Raises InputError
     where the library does not cover a cube's bands.
     """
 
-    def __init__(self, cubes, library, seed, side):
+    def __init__(self, cubes, assume_sky, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
-        for cube in cubes:
+        for cube, assume in zip(cubes, assume_sky, strict=True):
             cube = prepared(cube, library).cube
-            most = min(OBJECTS[1], cube.shape[0] * cube.shape[1])
+            most = min(OBJECTS[1], cube.measured_count)
             known = []
             for k in range(OBJECTS[0], most + 1):
-                arrays = known_arrays(cube, library, estimate_environment(cube, library, k))
-                known.append(Known.of(arrays))
+                environment = estimate_environment(cube, library, k, assume_sky=assume)
+                known.append(Known.of(known_arrays(cube, library, environment)))
             # a tensor, which worker processes share
-            self.cubes.append((torch.from_numpy(cube.radiance.copy()), known))
+            radiance = torch.from_numpy(cube.radiance.copy())
+            self.cubes.append((radiance, np.flatnonzero(~cube.dead), known))
 
     def __len__(self):
         return len(self.cubes)
 
     def __getitem__(self, i):
-        radiance, known = self.cubes[i % len(self)]
+        radiance, measured, known = self.cubes[i % len(self)]
         rng = np.random.default_rng([self.seed, 2, i])
         known = known[rng.integers(len(known))]
-        side = self.side
-        top, left = (int(rng.integers(max(1, n - side + 1))) for n in radiance.shape[1:])
+        side, shape = self.side, radiance.shape[1:]
+        around = np.unravel_index(measured[rng.integers(len(measured))], shape)
+        top, left = (
+            int(np.clip(at - rng.integers(side), 0, max(0, n - side)))
+            for at, n in zip(around, shape, strict=True)
+        )
         radiance = radiance[:, top : top + side, left : left + side]
         return Sample(known, radiance, *[None] * 6), features(known, radiance)

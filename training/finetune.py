@@ -65,9 +65,9 @@ def finetune(
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         whole = with_sky(library)
         data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
-        cubes = [calibrated(cube, whole, network, device, progress) for cube in cubes]
-        draws = Crops(cubes, whole, seed, SIDE)
-        held_out = copy.copy(draws)
+        taken = [calibrated(cube, whole, network, device, progress) for cube in cubes]
+        draws = Crops(*zip(*taken, strict=True), whole, seed, SIDE)
+        held_out = copy.copy(draws)  # other crops of the same cubes
         held_out.seed = VALIDATION_SEED
     else:
         terms, rate = "both", LEARNING_RATE
@@ -102,13 +102,13 @@ def finetune(
 
 
 def calibrated(cube, library, network, device="cpu", progress=None):
-    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet.
-    Raises InputError as that does."""
+    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet, and
+    whether that assumes a sky. Raises InputError as that does."""
     model, k = torch_model(network=network, device=device), min(K, cube.shape[0] * cube.shape[1])
     d = decompose(cube, library, k=k, model=model, progress=progress)
     bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
     right = corrected(prepared(cube, library).cube, Calibration(d.gain, d.offset_k, bands=bands))
-    return replace(right, netd_k=d.netd_k)
+    return replace(right, netd_k=d.netd_k), d.sky_assumed
 
 
 def _measure(module, draws):

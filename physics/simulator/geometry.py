@@ -199,8 +199,9 @@ def boxes(low, high):
 def slab(size, spacing_m, relief):
     """A closed upright block, size (width, depth, height), standing on z = 0, centred in x, y.
 
-    All faces are subdivided to spacing_m and displaced along their normal by
-    relief(points (n, 3)) -> (n,), which fades to nothing at the edges so that they stay shut.
+    All faces are subdivided, to somewhat more than spacing_m if they are wider than twice that,
+    and displaced along their normal by relief(points (n, 3)) -> (n,), which fades to nothing at
+    the edges so that they stay shut.
     """
     size = np.asarray(size, float)
     parts = []

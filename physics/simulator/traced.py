@@ -206,8 +206,6 @@ def trace_scene(scene, size, spp, seed, library):
     Raises InputError where the scene and the library do not fit together, or where rays
     leave a scene without atmosphere.
     """
-    if not 0 <= seed < 2**64:
-        raise InputError(f"simulate: the seed of a traced scene must be 0 to 2**64, got {seed}.")
     scene = trace_on_demand(scene, size, spp, seed, library)
     every = range(len(scene.blocks))
     blocks = in_threads(scene.blocks.__getitem__, every, cores())
@@ -216,9 +214,11 @@ def trace_scene(scene, size, spp, seed, library):
 
 def trace_on_demand(scene, size, spp, seed, library):
     """As trace_scene, but a block is traced each time it is asked for, and kept by nobody."""
+    for what, n, least in (("height", size[0], 1), ("width", size[1], 1), ("spp", spp, 1),
+                           ("seed", seed, 0)):  # fmt: skip
+        if not isinstance(n, (int, np.integer)) or not least <= n < 2**64:
+            raise InputError(f"simulate: {what} must be a whole number >= {least}, got {n!r}.")
     height, width = (int(n) for n in size)
-    if height < 1 or width < 1 or spp < 1:
-        raise InputError(f"simulate: size and spp must be positive, got {tuple(size)} and {spp}.")
     library = library.subset(dict.fromkeys(o.material for o in scene.objects))
     tracer = Tracer(scene, library)
     q = roulette(library.emissivity)
