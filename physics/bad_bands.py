@@ -16,9 +16,9 @@ With fewer than LEAST_BANDS bands, or few pixels, only what is the same everywhe
 MANY_BANDS or more, and a usual noise MORE times the NETD that is stated (as in a striped cube), it
 is taken instead.
 
-On 72 cubes of path-traced scenes of no test, 9 to 54 bands, a good band was at most 2.1 times as
-noisy as usual, whether their NETD was 0, 5, 20, 50, 200 or 1000 mK; with 54 bands the usual noise
-was at most 1.02 times the stated one at 20 mK and more.
+On 72 cubes of path-traced scenes outside the test sets, 9 to 54 bands, a good band was at most 2.1
+times as noisy as usual, whether their NETD was 0, 5, 20, 50, 200 or 1000 mK; with 54 bands the
+usual noise was at most 1.02 times the stated one at 20 mK and more.
 """
 
 from dataclasses import replace
@@ -87,8 +87,8 @@ def _bad(wavelength_um, spectra, differences, good):
     # a few pixels that flare up in one band say nothing of it
     spread = np.clip(s, *np.quantile(s, [OUTERMOST, 1 - OUTERMOST], axis=0)).std(axis=0)
     live = spread > STUCK_NOISE * usual
-    # beyond the last live band a scene as warm as the air may end, and nothing be broken
-    # and what only a few bands show is no fault of the others
+    # a band without contrast at the end of the range may just see opaque air: live bands must lie
+    # on both sides. If only a few bands are live, the others are not compared with them
     near = np.interp(w, w[live], spread[live], 0, 0) if 2 * live.sum() > len(w) else spread
     found = {
         good[i]: f"varies by {spread[i]:.2g} K where its neighbours vary by {near[i]:.2g} K"

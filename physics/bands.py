@@ -20,6 +20,13 @@ def quadrature(wavelength_um, fwhm_um):
     return centre[:, None] + width[:, None] * offsets
 
 
+def band_means(spectrum, nodes_um):
+    """(..., bands) means over each band's nodes (bands, n) of a spectrum, (m,) ascending um ->
+    (..., m)."""
+    w, at = np.unique(nodes_um, return_inverse=True)
+    return spectrum(w)[..., at.reshape(nodes_um.shape)].mean(axis=-1)
+
+
 def equidistant_bands(n, low_um=8.0, high_um=14.0):
     """n box bands side by side -> centres and widths, each (n,), in um."""
     if n < 1 or not 0 < low_um < high_um:

@@ -14,7 +14,7 @@ from .errors import InputError
 from .planck import radiance as planck
 
 MOST = 0.05  # of the pixels that hold anything; more are a wrong calibration
-MAX_K = 1e4  # of any pixel; beyond it a detector is dead
+HOTTEST_K = 1e4  # of any pixel; beyond it a detector is dead
 
 
 def lit(radiance):
@@ -31,7 +31,7 @@ def dead_pixels(radiance, wavelength_um, stated=False):
     Raises InputError where more than half of the bands are dead, or more than MOST of the pixels
     that hold anything, or none holds anything.
     """
-    limit = planck(wavelength_um, MAX_K)
+    limit = planck(wavelength_um, HOTTEST_K)
     empty, suspect = np.ones(radiance.shape[1:], bool), np.zeros(len(radiance), bool)
     for b, band in enumerate(scratch.parts(radiance)):
         empty &= (band == 0) | ~np.isfinite(band)
@@ -56,10 +56,10 @@ def dead_pixels(radiance, wavelength_um, stated=False):
         row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]
         raise InputError(
             f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero or negative, NaN or "
-            f"infinite, or hotter than {MAX_K:.0f} K), the first at {wavelength_um[b]:.5g} um, row "
-            f"{row}, column {column} ({radiance[b, row, column]:.4g}), and at most {MOST:.0%} may "
-            "be, but for those that hold nothing in any band; cut edges off, leave bands out, or "
-            "check the calibration."
+            f"infinite, or hotter than {HOTTEST_K:.0f} K), the first at {wavelength_um[b]:.5g} um, "
+            f"row {row}, column {column} ({radiance[b, row, column]:.4g}), and at most {MOST:.0%} "
+            "may be, but for those that hold nothing in any band; cut edges off, leave bands out, "
+            "or check the calibration."
         )
     return dead, share > MOST, misleads
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .dead_pixels import MAX_K
+from .dead_pixels import HOTTEST_K
 from .errors import InputError
 from .heat_cube import check_wavelength, numbers
 from .planck import brightness_temperature, radiance_derivative
@@ -23,7 +23,7 @@ class Environment:
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
     sky_mean       (bands,) mean of the sky's own pixels; the sky objects' mean if not given,
-                   None where no sky is in view: then no pixel can be sky
+                   None where no object stands for the sky: then no pixel can be sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
 
     Raises InputError where the data are not that.
@@ -47,9 +47,9 @@ class Environment:
             )
         if not np.isfinite(s).all() or (s <= 0).any():
             raise InputError("environment: radiance must be finite and positive.")
-        if (s > planck_radiance(w, MAX_K)).any():
+        if (s > planck_radiance(w, HOTTEST_K)).any():
             raise InputError(
-                f"environment: radiance looks hotter than {MAX_K:.0f} K; give it in "
+                f"environment: radiance looks hotter than {HOTTEST_K:.0f} K; give it in "
                 "W m-2 sr-1 um-1."
             )
         sky = tuple(np.atleast_1d(self.sky).tolist())

@@ -21,11 +21,12 @@ the time does not grow with the cube; none of them is dead, saturated or far hot
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from sklearn.cluster import KMeans
 
-from .bands import quadrature
+from .bands import band_means, quadrature
 from .dead_pixels import MOST, lit
 from .environment import Environment
 from .errors import InputError
@@ -48,8 +49,8 @@ SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
 # allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out
 OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BANDS = 13.0, 0.65, 8.4, 4
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
-# horizon; with fewer than three bands, where a grey body cannot be told from one, it must be more
-MISSING, MISSING_OF_FEW = 0.12, 0.2
+# horizon; with one band or two, where a grey body cannot be told from one, it must be more
+MISSING, MISSING_OF_FEW = 0.12, {1: 0.2, 2: 0.26}
 MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # the sky's objects, 0 being the clearest sky in view and 1 the clearest overhead, by the logarithm
 # of the air mass; for k = 1, 2, 3 or 4, 5 and more
@@ -67,32 +68,22 @@ ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them al
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
-def estimate_environment(cube, library, k=5, method="kmeans", seed=0, assume_sky=False):
+def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
     """Estimate the Environment of a HeatCube.
 
     k        number of objects, the sky's among them; fewer come where spectra differ less
-    method   "kmeans" as above; "halves": the averages of the upper and the lower half of
-             the picture (k = 2), the upper one being the sky if there is any
     seed     of the subsample and of K-means
-    assume_sky  whether a usual sky is one of the objects of kmeans, if k is 2 or more and the
-             library has a sky, where none is in view
+    assume_sky  whether a usual sky is one of the objects, if k is 2 or more and the library has a
+             sky, where none is in view
 
-    Raises InputError for a wrong method or k, more objects than pixels, or a band without light
+    Raises InputError for a wrong k, more objects than pixels, or a band without light
     (`bad_bands` leaves such bands out).
     """
-    if method not in ("kmeans", "halves"):
-        raise InputError(f"environment: method must be kmeans or halves, got {method!r}.")
-    whole = isinstance(k, (int, np.integer)) and k >= 1
-    if not whole or (method == "halves" and k != 2):
-        raise InputError(
-            f"environment: k must be a whole number, at least 1, and 2 for halves; got {k!r}."
-        )
-    if method == "halves" and cube.shape[0] < 2:
-        raise InputError("environment: halves needs a picture of at least two rows.")
+    if not isinstance(k, (int, np.integer)) or k < 1:
+        raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
     if k > (pixels := cube.measured_count):
         raise InputError(f"environment: k = {k} objects need at least {k} pixels, got {pixels}.")
-    sample = Sample(cube, library, seed)
-    return sample.environment(k, assume_sky) if method == "kmeans" else sample.halves()
+    return Sample(cube, library, seed).environment(k, assume_sky)
 
 
 class Sample:
@@ -171,25 +162,15 @@ class Sample:
         """The same of a sky that is not in view, which is one object."""
         cube = self.cube
         nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-        wavelengths, at = np.unique(nodes, return_inverse=True)
         t = brightness_temperature(cube.wavelength_um, self.spectra * cube.sigma).max(axis=1)
         skies = []
         for warmer, vapour, cosine in ASSUMED:
             air = usual_atmosphere(np.median(t) + warmer)
             air = replace(air, water_cm=min(vapour * air.water_cm, MOST_WATER_CM))
-            shine = sky_radiance(wavelengths, [cosine], air)[0]
-            skies.append(shine[at].reshape(nodes.shape).mean(axis=1))
+            shine = partial(sky_radiance, cos_zenith=[cosine], atmosphere=air)
+            skies.append(band_means(shine, nodes)[0])
         skies = np.array(skies) / cube.sigma
         return skies[:1], skies - skies[0]
-
-    def halves(self):
-        """Environment of the averages of the picture's upper and lower half."""
-        upper = self.row < 0.5
-        means = np.stack([self.spectra[upper].mean(axis=0), self.spectra[~upper].mean(axis=0)])
-        return Environment(
-            means * self.cube.sigma, self.cube.wavelength_um, (0,) if self.sky.any() else (),
-            error_k=ERROR_K, **self._of_sky(),
-        )  # fmt: skip
 
     def _of_sky(self):
         if not self.sky.any():
@@ -221,7 +202,7 @@ def sky_clusters(cube, library, spectra, row, seed):
     missing = np.array([_missing(cube.wavelength_um, c, opacity, scene_k) for c in centres])
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
     missing[height > row.mean()] = 0.0
-    least = MISSING if cube.bands > 2 else MISSING_OF_FEW
+    least = MISSING_OF_FEW.get(cube.bands, MISSING)
     return fit, missing > max(least, MISSING_RATIO * missing.max())
 
 
@@ -247,7 +228,7 @@ def _transmittance(cube, library):
     """(bands, n) of the atmosphere towards the zenith, at wavelengths that sample each band: a
     wide one may hold a strong line and yet be clear."""
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-    return 1 - library.at(nodes.ravel())[library.sky_index].reshape(nodes.shape)
+    return 1 - library.at(nodes)[library.sky_index]
 
 
 def _missing(wavelength_um, spectrum, opacity, scene_k):

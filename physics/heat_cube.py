@@ -12,8 +12,8 @@ from .planck import brightness_temperature, noise_sigma
 
 TYPICAL_K = (110.0, 1000.0)  # of half a scene; beyond, its unit is wrong
 MAX_NETD_K = 10.0  # beyond it, it is in mK
-# what k objects leave out of a scene's light, whatever the camera's noise. On scenes of no test a
-# camera of 5 mK was answered no better than at 20, and up to a quarter of its pixels were unknown
+# what k objects leave out of a scene's light, whatever the camera's noise. On scenes outside the
+# test sets a camera of 5 mK was answered no better than at 20, with up to a quarter unknown
 LEAST_NETD_K = 0.02
 
 

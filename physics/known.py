@@ -13,8 +13,8 @@ MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
 # the hottest pixel but a few is at most so many prior deviations from the mean, where MAX_T allows
 HOT_SIGMAS = 5.0
-# of the farthest but one in two hundred, beyond which a pixel (a fire, a defect) is left to itself:
-# what the prior must span for it would blur all others
+# times the 99.5 % quantile of the distance from the mean: a pixel beyond it (a fire, a defect) is
+# left to itself, since what the prior must span for it would blur all others
 FAR = 1.5
 MAX_T = 6.0  # prior deviations that an answer may lie from the mean
 SAMPLES = 6000  # pixels that the basis is made from
@@ -38,7 +38,7 @@ def known_arrays(cube, library, environment):
             f"{len(environment)}; give fewer, or take method local or sgd."
         )
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-    curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
+    curves = library.at(nodes)
     t = scene_temperatures(cube)
     mean = usual_temperature(cube, environment)
     off = np.abs(t - mean)

@@ -116,7 +116,7 @@ class MaterialLibrary:
         )  # fmt: skip
 
     def at(self, wavelength_um):
-        """(materials, n) emissivity at wavelengths in um, linear in between.
+        """(materials, ...) emissivity at wavelengths (...) in um, linear in between.
 
         Raises InputError where the library's curves do not reach.
         """

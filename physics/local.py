@@ -30,8 +30,8 @@ from .planck import brightness_temperature
 from .reduced import ReducedModel, groups
 from .threads import in_threads
 
-# More than neighbours (at most 4 BETA = 12) and the materials' shares in a scene (log of some
-# 40,000 pixels times the materials, 18 for 1500) can make up for in `semiglobal`
+# A material so far behind cannot win in `semiglobal`: neighbours give at most 4 BETA = 12 nats, the
+# materials' shares at most log of some 40,000 pixels times the materials, 18 for 1500
 HOPELESS = 30.0  # nats
 BLOCK, BLOCK_BYTES = 1024, 1 << 25  # solved together: of fewer pixels, too few are on one face
 PANEL = 4  # times LANES, pixels whose spectra stay in the cache through all hypotheses
@@ -400,7 +400,7 @@ def _one_by_one(
         v[g, j, i] = at[j]
 
 
-@numba.njit(cache=True, parallel=True, fastmath=False)
+@numba.njit(cache=True, parallel=True)
 def _solve_given(h, gram, n, k, half, weight, mean, energy, tau, curvature, lighting):
     size = max(n, k) + 1
     for pixel in numba.prange(len(h)):

@@ -18,7 +18,7 @@ depth is more than that of usual air overhead, which is as warm.
 
 import numpy as np
 
-from .bands import quadrature
+from .bands import band_means, quadrature
 from .planck import brightness_temperature, radiance, radiance_derivative
 from .sky import usual_atmosphere, zenith_optical_depth
 
@@ -39,7 +39,7 @@ def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance, leas
 
     wavelength_um (bands,) um; sky (n, bands) spectra of the visible sky's pixels, noise (bands,)
     their standard deviation and seen (bands,) the spectrum to start from, W m-2 sr-1 um-1;
-    zenith_transmittance (bands,) about; least_k K, below which the air is not. One sky per
+    zenith_transmittance (bands,) approximate; least_k K, below which the air is not. One sky per
     AIR_EXCESS_K.
     """
     air_k = max(air_temperature(wavelength_um, sky, seen), least_k)
@@ -67,9 +67,8 @@ def least_ratio(wavelength_um, fwhm_um, sky, seen, scene_k):
     """
     air_k = max(air_temperature(wavelength_um, sky, seen), scene_k)
     nodes = quadrature(wavelength_um, fwhm_um)
-    wavelengths, at = np.unique(nodes, return_inverse=True)
-    depth = zenith_optical_depth(wavelengths, usual_atmosphere(air_k))[at].reshape(nodes.shape)
-    zenith = -np.log(np.exp(-depth).mean(axis=1))
+    air = usual_atmosphere(air_k)
+    zenith = -np.log(band_means(lambda w: np.exp(-zenith_optical_depth(w, air)), nodes))
     tau = -np.log1p(-seen / radiance(wavelength_um, air_k + AIR_EXCESS_K[1]))
     clear = tau <= np.quantile(tau, WINDOWS)
     return OVERHEAD / np.clip(np.median(tau[clear] / zenith[clear]), NEAREST, FARTHEST)

@@ -145,7 +145,7 @@ def reduce_model(
     environment.check_bands(w)
     t, of = _temperatures(cube, environment), _hypotheses(library, environment)
     nodes = quadrature(w, cube.fwhm_um)
-    curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)
+    curves = library.at(nodes)
     curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
     emissivity = curves.mean(axis=-1)[of.curve]
     series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.curve]  # (R, n, bands)

@@ -12,7 +12,7 @@ STEPS = 40  # of Newton's method
 NATS = 1e-7  # it ends where the next step would lower J by less
 
 
-@numba.njit(cache=True, fastmath=False)
+@numba.njit(cache=True)
 def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     """T (as tau) and V of one pixel and one material; returns J less its constant, tau, J''.
 
@@ -98,7 +98,7 @@ def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     return best, tau, curvature / (half * half)
 
 
-@numba.njit(cache=True, fastmath=False)
+@numba.njit(cache=True)
 def _lighting(gram, n, k, g, v, free, chol, x, y):
     """Minimise v'Gv/2 - g'v on the simplex, G = gram[n:, n:], from a feasible v (in place).
 

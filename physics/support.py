@@ -12,8 +12,8 @@ of their difference (Breiman et al. 1984). After PATIENCE values of k that are w
 the search ends.
 
 Where the sky is in view the search begins with UNDER_SKY objects, two for the sky and two for what
-else there is. The evidence would now and then take fewer: on 24 scenes of no test T of `net+sgd`
-was then off by a fifth more in the mean at 54 bands, and by half as much again at 9.
+else there is. The evidence would now and then take fewer: on 24 scenes outside the test sets T of
+`net+sgd` was then off by a fifth more in the mean at 54 bands, and by half as much again at 9.
 """
 
 import numpy as np

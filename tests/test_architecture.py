@@ -82,6 +82,8 @@ def test_texnet_offers_the_pipeline_lazily():
         "assert set(texnet.__all__) < set(dir(texnet))\n"
         "from texnet import *\n"
         "assert decompose is texnet.decompose and callable(read_cube)\n"
+        "import physics\n"
+        "assert all(getattr(texnet, n) is getattr(physics, n) for n in physics.__all__)\n"
         "assert not hasattr(texnet, 'no_such_name')\n"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)

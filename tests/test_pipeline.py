@@ -309,7 +309,7 @@ def test_what_is_hotter_than_the_prior_reaches_is_unknown_and_leaves_the_rest(si
 def test_what_is_no_cube_or_library_is_refused(make_pixels):
     cube = make_pixels(bands=9, shape=(6, 8)).cube
     for wrong in ("night.exr", cube.radiance):
-        with pytest.raises(InputError, match="cube must be a HeatCube, as texnet.cube_io.read_cub"):
+        with pytest.raises(InputError, match="cube must be a HeatCube, as texnet.read_cub"):
             decompose(wrong)
     with pytest.raises(InputError, match="library must be a MaterialLibrary"):
         decompose(cube, "lib.json")

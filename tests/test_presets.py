@@ -1,7 +1,6 @@
 """Preset scenes: they repeat, they are closed where they say so, their texture is relief."""
 
 import functools
-import time
 
 import numpy as np
 import pytest
@@ -80,9 +79,7 @@ def shares(name, seed=0):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_builds_within_its_limits(name):
-    start = time.perf_counter()
     scene = scene_of(name, 1)
-    assert time.perf_counter() - start < (3 if name == "random" else 15)  # for a busy machine
     low, high = TRIANGLES[name]
     assert low <= sum(len(o.mesh.faces) for o in scene.objects) <= high
     starter = MaterialLibrary.starter().names

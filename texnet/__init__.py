@@ -1,7 +1,8 @@
 """texnet: temperature, emissivity and texture from thermal hyperspectral cubes.
 
     >>> import texnet
-    >>> cube = texnet.read_cube("night.exr")  # texnet.import_cube reads files of others
+    >>> cube = texnet.read_cube("night.exr")
+    >>> cube, note = texnet.import_cube("flight.hdr", unit="microflick")  # of third parties
     >>> answer = texnet.decompose(cube)
     >>> answer.temperature_k, answer.temperature_sigma_k, answer.material, answer.unknown
     >>> picture = texnet.tex_vision(answer)
@@ -24,8 +25,8 @@ learned     the model with the shipped weights
 weights     weights on disk
 band_file   filters on disk, as `texnet bands` designs them
 cube_io     heat cubes on disk (.exr, .npz)
-cube_import cubes of others (ENVI, HADAR, TeX-1500, .npy); envi reads ENVI, raw_cube converts
-library_io  libraries of others (HADAR .mat, ECOSTRESS, ENVI, CSV); mat_file reads .mat
+cube_import third-party cubes (ENVI, HADAR, TeX-1500, .npy); envi reads ENVI, raw_cube converts
+library_io  third-party libraries (HADAR .mat, ECOSTRESS, ENVI, CSV); mat_file reads .mat
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
 figures     every map with its truth; TeX vision beside today's pictures
@@ -38,11 +39,14 @@ cli         the command line (and __main__); what its commands do is in commands
             decompose_command
 """
 
-from importlib import import_module
+import importlib
 
 _HOMES = {
-    "Decomposition": "pipeline", "decompose": "pipeline", "import_cube": "cube_import",
-    "read_cube": "cube_io", "tex_vision": "vision", "write_cube": "cube_io",
+    "Decomposition": "texnet.pipeline", "decompose": "texnet.pipeline",
+    "Environment": "physics", "HeatCube": "physics", "InputError": "physics",
+    "MaterialLibrary": "physics",
+    "import_cube": "texnet.cube_import", "read_cube": "texnet.cube_io",
+    "tex_vision": "texnet.vision", "write_cube": "texnet.cube_io",
 }  # fmt: skip
 __all__ = list(_HOMES)
 
@@ -50,9 +54,9 @@ __all__ = list(_HOMES)
 def __getattr__(name):
     # Lazy, because the pipeline loads sklearn and the command line must start at once.
     if name in _HOMES:
-        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        return getattr(importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__():
-    return [*globals(), *__all__]
+    return [*(name for name in globals() if name.startswith("__")), *__all__]

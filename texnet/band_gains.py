@@ -73,7 +73,7 @@ def _more(cube, library, maps):
     material, t = maps["material"][pixels], maps["temperature_k"][pixels]
     texture, measured = maps["texture"][:, pixels].T, cube.radiance[:, pixels].T
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-    curves = library.at(nodes.ravel()).reshape(len(library), *nodes.shape)[material]
+    curves = library.at(nodes)[material]
     glow = (curves * planck(nodes, t[:, None, None])).mean(axis=-1)
     rendered = glow + (1 - curves.mean(axis=-1)) * texture
     able = (rendered > DARKEST * measured).all(axis=1)  # not where X went below 0

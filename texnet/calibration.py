@@ -16,10 +16,10 @@ T, to which all bands add up, may be off at once by DOUBT times as much.
 Where no sky is in view, all this is looked at without a sky, and whether pixels are likelier with
 one that is assumed (`under_a_sky`) before it is looked at with that.
 
-The constants, here and there, were found on scenes of no test with 9 and 54 bands: right cameras,
-gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other, libraries
-whose curves are 1 to 5 % wrong or that lack a common material, little sky in view, wavelengths off
-by a tenth of a band.
+The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
+cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,
+libraries whose curves are 1 to 5 % wrong or that lack a common material, little sky in view,
+wavelengths off by a tenth of a band.
 """
 
 from functools import partial

@@ -116,7 +116,7 @@ def _parser():
         calibration_error=0.0,
     )  # fmt: skip
 
-    text = "turn a cube of others, or a part of it, into one for decompose"
+    text = "turn a third-party cube, or a part of one, into one for decompose"
     p = add(of_texnet, "import", commands.import_, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
@@ -166,7 +166,7 @@ def _parser():
         help="light paths per pixel, default: 64",
     )  # fmt: skip
     p.add_argument(
-        "--netd", metavar="K", type=_netd, default=0.05,
+        "--netd", metavar="K", type=_kelvin, default=0.05,
         help="sensor noise in K at 300 K, 0 for none, default: 0.05",
     )  # fmt: skip
     p.add_argument(
@@ -203,7 +203,7 @@ def _parser():
     )  # fmt: skip
     add_device(p)
     p.add_argument(
-        "--calibration-error", metavar="K", type=_netd, default=0.0,
+        "--calibration-error", metavar="K", type=_kelvin, default=0.0,
         help="by which all radiance may be off together, in offset or gain, as the camera's maker "
         "states it, K at 300 K; sigma of T then holds it; default: 0",
     )  # fmt: skip
@@ -292,7 +292,7 @@ def _parser():
         "--out", metavar="FILE", type=Path,
         default=files("physics") / "data" / "starter_library.json", help="default: the package's",
     )  # fmt: skip
-    text = "turn a library of others into one for --library"
+    text = "turn a third-party library into one for --library"
     p = add(actions, "import", commands.library_import, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
@@ -373,7 +373,7 @@ def _slice(text):
     return slice(*(int(end) if end else None for end in match.groups()))
 
 
-def _netd(text):
+def _kelvin(text):
     try:
         value = float(text)
     except ValueError:
@@ -384,7 +384,7 @@ def _netd(text):
 
 
 def _above_0(text):
-    value = _netd(text)
+    value = _kelvin(text)
     if value == 0:
         raise argparse.ArgumentTypeError("need above 0 K; leave it out if it is not known")
     return value

@@ -16,9 +16,14 @@ DARKEST = 0.05  # what is left of a radiance, at least
 
 
 class Calibration(NamedTuple):
-    """Gain, offset in K at 300 K, noise over what it is said to be, how little misfits even where
-    most fits, at least 1, and by how much all radiance may be off together for it, both in noise
-    units as stated; and the bands' gains among each other, () of bands that agree."""
+    """What is wrong with a camera.
+
+    gain, offset_k  of all bands together, the offset in K at 300 K
+    noise    factor on the stated NETD
+    misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
+    doubt    error that all bands may share for it, in stated noise units
+    bands    their gains among each other; () if they agree
+    """
 
     gain: float = 1.0
     offset_k: float = 0.0

@@ -1,4 +1,4 @@
-"""Cubes of others, turned into a HeatCube, with a note of what was converted.
+"""Third-party cubes, turned into a HeatCube, with a note of what was converted.
 
 ENVI: `.hdr` beside its binary; see `envi`. The unit of radiance is the caller's to say.
 

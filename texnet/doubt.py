@@ -21,8 +21,9 @@ EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel
 # and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about
 # as often as their probability says
 LOCAL_TRUST, SGD_TRUST = 2.0, 1.2
-# off T is beyond what the library's other materials say, where the material is another; a network's
-# probabilities, which hold what `glance` expects, leave out more of it
+# error of T beyond what the library's other materials say, if the material is wrong: added in
+# quadrature, weighted by the chance of that; a network's probabilities, which hold what `glance`
+# expects, leave out more of it
 OTHER_K, NET_OTHER_K = 1.3, 2.0
 AIR_SIGMA_K = 5.0  # of the air's temperature from the sky's brightness
 RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it

@@ -1,4 +1,4 @@
-"""Material libraries of others, turned into a MaterialLibrary, with a note of what was converted.
+"""Third-party material libraries, turned into a MaterialLibrary, with a note of what was converted.
 
 HADAR `.mat` (up to v7): `matLib` is bands x materials, `emiLib` materials x bands; `matName`
 holds the names. The bands are not in the file, so the caller states them: equidistant in

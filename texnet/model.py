@@ -168,7 +168,7 @@ def _answer(
     variance = variance * misfit.clamp(min=1) ** 2 + NET_OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
     sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
     visible = (~empty).float()
-    # so put that what is no number is unknown
+    # so written that NaN counts as unknown
     explained = fits(misfit, bands) | empty
     own = of_m(torch.softmax(log_evidence, 0))
     likely = (of_m(p) >= NET_LIKELY) & (own >= OWN_PROBABILITY)

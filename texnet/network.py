@@ -31,6 +31,7 @@ from physics.prior import lighting_scale
 
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
 FREQUENCIES = 6
+ONE = 0.5413  # softplus(ONE) is 1, which some weights are at first
 STRIDE = 2  # pixels to a cell of the trunk
 DILATIONS = (1, 2, 4, 2)  # of its convolutions: a context of 38 x 38 pixels
 EVIDENCE_FLOOR = -60.0  # nats: what is hopeless is hopeless
@@ -134,8 +135,8 @@ class TeXNet(nn.Module):
         self.config = dict(
             width=width, dilations=tuple(dilations), messages=messages, stride=stride
         )
-        self.curve = SetCode(1, CODE)
-        self.light = SetCode(1, LIGHT_CODE)
+        self.curve = SetCode(CODE)
+        self.light = SetCode(LIGHT_CODE)
         self.kernel = Kernel(SPECTRUM_CODE)
         self.inlet = nn.Conv2d(SPECTRUM_CODE + 2 * CODE + LIGHT_CODE + 11, width, 1)
         self.trunk = nn.ModuleList(
@@ -215,8 +216,8 @@ class TeXNet(nn.Module):
         out = out[0].reshape(-1, height * width)
         n = CODE + LIGHT_CODE
 
-        trust = _softplus(out[n] + 0.5413)  # 1 at first
-        heed = _softplus(out[n + 3] + 0.5413)
+        trust = _softplus(out[n] + ONE)
+        heed = _softplus(out[n + 3] + ONE)
         logits = trust * _relative(log_evidence)[0] + heed * expected + code.curve @ out[:CODE]
         for i in range(self.config["messages"]):
             weight = _softplus(out[n + 4 + 8 * i : n + 12 + 8 * i] - 1.0)
@@ -227,7 +228,7 @@ class TeXNet(nn.Module):
         log_material = torch.log_softmax(logits, 0)
         t = known.prior_k[0] + known.prior_k[1] * (log_material.exp() * t).sum(0)
         temperature = (t + out[n + 2]).clamp(min=COLDEST_K)
-        share = _softplus(out[n + 1] + 0.5413)
+        share = _softplus(out[n + 1] + ONE)
         lighting = share * torch.log(lighting + 0.03) + code.light @ out[CODE:n]
         maps = lambda a: a.reshape(*a.shape[:-1], height, width)  # noqa: E731
         return Prediction(
@@ -260,12 +261,12 @@ class Kernel(nn.Module):
 
 
 class SetCode(nn.Module):
-    """Codes of the spectra of a set, each by itself, by kernels over wavelength."""
+    """Codes of the spectra of a set, each with a flag, by kernels over wavelength."""
 
-    def __init__(self, flags, n):
+    def __init__(self, n):
         super().__init__()
         self.kernel = Kernel(32)
-        self.mlp = nn.Sequential(nn.Linear(32 + flags, 48), nn.ReLU(), nn.Linear(48, n))
+        self.mlp = nn.Sequential(nn.Linear(32 + 1, 48), nn.ReLU(), nn.Linear(48, n))
 
     def forward(self, spectra, flag, wavelength_um):
         """(set, bands), (set,), (bands,) -> (set, n)."""

@@ -35,7 +35,7 @@ from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_err
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
-MAX_K = 10
+MOST_OBJECTS = 10
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
 
@@ -51,17 +51,17 @@ class Decomposition:
     sky_assumed           True where none is in view, and a usual one explains what is
     texture               X (bands, height, width) W m-2 sr-1 um-1, of sky pixels likewise
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),
-                          likewise; the residual where the environment has no sky
+                          likewise; where sky is (), the residual instead, in noise units
     residual              root mean square of S - S~ in noise units, less what deviations of
                           the surroundings from the k objects explain
     temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the
                           calibration, stated and found, included; 15 K and more where the pixel
                           is saturated or dead
     material_probability  (materials, height, width); zero what `glance` did not see there
-    unknown               True where the answer should not be trusted: nothing in the library
-                          fits, or nothing as well as where most fits, no material is likely
-                          enough (`doubt`), only the neighbours speak for the one given, or the
-                          pixel is saturated or dead
+    unknown               True where the answer should not be trusted: no material of the library
+                          fits, or clearly worse than elsewhere in the scene, or is likely enough
+                          (`doubt`); only the neighbours speak for the one given; or the pixel is
+                          saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
     dead                  True where nothing was measured: all maps are the nearest pixel's that was
     wavelength_um         (bands,) um, as stated, of the bands that were used
@@ -74,9 +74,9 @@ class Decomposition:
     left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
                           library where they were found to lie
     hue_deg               (materials,) TeX-vision hues
-    netd_k                the noise that was assumed, K, of the corrected cube, which is
-    noise_raised          times the camera's: more than once where nothing fits better, and where
-                          that is less than what k objects leave out anyhow
+    netd_k                NETD that was assumed of the corrected cube, K
+    noise_raised          its ratio to the camera's: above 1 where the fit asks for more noise, or
+                          the camera has less than what k objects leave out
     objective             E of `physics.semiglobal` along the refinement, nats; empty for local
     seconds               time by stage
     """
@@ -130,12 +130,13 @@ def decompose(
     model=None,
     progress=None,
 ) -> Decomposition:
-    """Decompose a heat cube.
+    """Decompose a heat cube, less its bad bands and what is wrong with its camera (see above).
 
     library      the materials that may occur; the starter library if None
     method       "net+sgd": the network's proposal, refined; "net": the network alone;
                  "local": each pixel by itself, exactly; "sgd": semi-global, from local
-    k            number of environment objects, 1..10, estimated from the cube by K-means; or
+    k            number of environment objects, 1..10, estimated from the cube by K-means, fewer
+                 where its pixels differ less; or
                  "auto": as many as the scene supports (`physics.support`)
     environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
                  the wavelengths, and no gain or offset is looked for; if it may be some kelvin off,
@@ -193,12 +194,9 @@ def decompose(
         look, run = _exactly(library, method == "sgd", report, lap)
     if given is None and method != "net":
         with compiling(None if nets else progress):
-            shown = calibration(cube, environment, look, library, untold)
-            if not environment.sky and (under := estimate(cube, assume_sky=True)).sky:
-                assumed = under_a_sky(cube, environment, shown, under, look, library, untold)
-            if assumed:
-                environment = under
-                shown = calibration(cube, under, look, library, untold, in_view=False)
+            shown, assumed, environment = _calibration_or_sky(
+                cube, environment, estimate, look, library, untold
+            )
         if shown != RIGHT:
             cube = corrected(cube, shown)
             environment = estimate(cube, assume_sky=assumed)
@@ -223,6 +221,17 @@ def decompose(
     )  # fmt: skip
 
 
+def _calibration_or_sky(cube, environment, estimate, look, library, untold):
+    """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
+    Environment with it or without."""
+    shown = calibration(cube, environment, look, library, untold)
+    if environment.sky or not (under := estimate(cube, assume_sky=True)).sky:
+        return shown, False, environment
+    if not under_a_sky(cube, environment, shown, under, look, library, untold):
+        return shown, False, environment
+    return calibration(cube, under, look, library, untold, in_view=False), True, under
+
+
 def _doubted(maps, cube, shown, calibration_error_k, untold):
     """maps by a method, with what edges, the calibration, as stated and as shown, and pixels that
     tell nothing add to sigma and unknown."""
@@ -242,7 +251,7 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
     """Raise InputError where an argument of decompose is wrong."""
     if not isinstance(cube, HeatCube):
         raise InputError(
-            f"decompose: cube must be a HeatCube, as texnet.cube_io.read_cube reads one, got "
+            f"decompose: cube must be a HeatCube, as texnet.read_cube reads one, got "
             f"{type(cube).__name__}."
         )
     if not isinstance(library, MaterialLibrary | None):
@@ -257,8 +266,10 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
         )
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
-    if not (_whole(k, 1, MAX_K) or isinstance(k, str) and k == "auto"):
-        raise InputError(f"decompose: k must be a whole number 1..{MAX_K} or auto, got {k!r}.")
+    if not (_whole(k, 1, MOST_OBJECTS) or isinstance(k, str) and k == "auto"):
+        raise InputError(
+            f"decompose: k must be a whole number 1..{MOST_OBJECTS} or auto, got {k!r}."
+        )
     if not _whole(seed, 0, MAX_SEED):
         raise InputError(f"decompose: seed must be a whole number 0..{MAX_SEED}, got {seed!r}.")
     error = numbers(calibration_error_k, "decompose: calibration_error_k")
@@ -286,11 +297,12 @@ def _exactly(library, smooth, report, lap):
     """The same of local and sgd; look, which never smooths, reports nothing."""
     from .exact import solve  # numba takes a second to load
 
-    def run(environment, part, seen, _, regions, alike=None, smooth=smooth, report=report, lap=lap):
+    def answer(smooth, report, lap, environment, part, seen, _, regions, alike=None):
         there = library.subset([library.names[i] for i in seen])
         return solve(part, there, environment, regions, smooth, report, lap)
 
-    return partial(run, smooth=False, report=lambda _: None, lap=lambda _: None), run
+    quiet = lambda _: None  # noqa: E731
+    return partial(answer, False, quiet, quiet), partial(answer, smooth, report, lap)
 
 
 def _whole(value, low, high):

@@ -235,13 +235,13 @@ def sphere(subdivisions=3):
     return mesh(*_sphere(subdivisions))
 
 
-def rock(seed, size=(1.0, 1.0, 0.7), subdivisions=5, roughness=0.06, cuts=14):
+def rock(seed, size=(1.0, 1.0, 0.7), subdivisions=5, roughness=0.06):
     """A boulder about the origin, half axes `size`: a sphere cut by planes, then weathered.
 
-    `cuts` random planes give broken faces, fractal noise of height roughness * size rounds
+    Random planes give broken faces, fractal noise of height roughness * size rounds
     and pits them.
     """
-    rng = np.random.default_rng(seed)
+    rng, cuts = np.random.default_rng(seed), 14
     v, faces = _sphere(subdivisions)
     n = rng.normal(size=(cuts, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)

@@ -25,7 +25,7 @@ def _spot(m, centre, rise_k, radius_m):
     return rise_k * np.exp(-((m.vertices - centre) ** 2).sum(1) / (2 * radius_m**2))
 
 
-def _limb(points, radii, sides=14):
+def _limb(points, radii):
     """A limb through points with radii, rounded at both ends."""
     points, radii = np.asarray(points, float), np.asarray(radii, float)
     s = np.linspace(0, 1, len(points))
@@ -34,7 +34,7 @@ def _limb(points, radii, sides=14):
     # A quarter ellipse in the last rings closes the limb like a capsule.
     end = np.sqrt(np.clip(1 - (1 - np.minimum(t, 1 - t) / 0.09) ** 2, 0.02, 1))
     end[(t > 0.09) & (t < 0.91)] = 1
-    return g.tube(path, np.interp(t, s, radii) * end, sides)
+    return g.tube(path, np.interp(t, s, radii) * end, 14)
 
 
 # Height, half width, half depth (m) of a jacket: hem over the hips, waist, chest, collar.

@@ -34,7 +34,7 @@ def street(seed=0):
 
     # Carriageway: worn asphalt, cambered, fine near the camera; warmer in the wheel tracks.
     y = np.concatenate([[-60, -20], np.arange(-6, 14, 0.09), np.geomspace(14, 150, 60)])
-    x = np.unique(np.concatenate([np.linspace(-3.5, 3.5, 90), [-3.5, 3.5]]))
+    x = np.linspace(-3.5, 3.5, 90)
     s = number()
 
     def road_height(xy):
