@@ -243,8 +243,8 @@ class HeatCube:
         else:
             raise InputError(
                 "cube: its NETD is not known; to estimate it takes 12 bands and more than twice as "
-                "many pixels, or three rows and columns; state it, as netd_k in an npz file or by "
-                "import --netd."
+                "many pixels, or three columns and measured pixels one above another; state it, as "
+                "netd_k in an npz file or by import --netd."
             )
         netd = float(np.clip(netd, 1e-3, MAX_NETD_K))
         return replace(self, netd_k=netd)

@@ -193,6 +193,21 @@ def test_an_orthorectified_picture_is_answered_like_what_it_shows(method):
     assert not picture[gaps(there.dead)].any() and picture[~there.dead].any(axis=-1).all()
 
 
+def test_nothing_is_learnt_from_copies():
+    """Not by the glance, the noise or the prior, when a wall of 350 K at the edge is copied."""
+    cube, truth = traced("forest", 54)
+    height, width = cube.shape
+    s = np.zeros((cube.bands, height, 4 * width), np.float32)
+    s[:, :, :width] = cube.radiance
+    s[:, :, width - 1] = radiance(cube.wavelength_um, 350.0)[:, None]
+    wide = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    alone = HeatCube(s[:, :, :width], cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    there, plain = (decompose(c, k=3) for c in (wide, alone))
+    assert (there.material[:, :width] == plain.material).mean() > 0.95
+    assert abs(there.unknown[:, :width].mean() - plain.unknown.mean()) < 0.01
+    assert f"{there.unknown[:, :width].mean():.1%} unknown" in repr(there)
+
+
 def test_noise_is_not_estimated_from_copies():
     cube = traced("forest", 54)[0]
     for part in (cube, cube.only(np.arange(54) % 9 == 4)):

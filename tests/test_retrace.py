@@ -154,7 +154,7 @@ def test_bad_input_is_one_sentence():
         traced.shade(FIRST.subset(["soil", "paint"]), W, FWHM)
     with pytest.raises(InputError, match="seed"):
         trace_scene(scene(), (4, 6), 1, -1, FIRST)
-    with pytest.raises(InputError, match="width must be a whole number >= 1"):
+    with pytest.raises(InputError, match="width must be a whole number of 1"):
         trace_scene(scene(), (4, 0), 1, 0, FIRST)
 
 

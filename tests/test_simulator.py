@@ -613,10 +613,10 @@ def test_open_room_is_refused():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (dict(size=(0, 4)), "height must be a whole number >= 1"),
+        (dict(size=(0, 4)), "height must be a whole number of 1"),
         (dict(spp=0), "spp must be"),
-        (dict(spp=2.5), "spp must be a whole number >= 1, got 2.5"),
-        (dict(seed=-1), "seed must be a whole number >= 0"),
+        (dict(spp=2.5), "spp must be a whole number .*, got 2.5"),
+        (dict(seed=-1), "seed must be a whole number of 0"),
         (dict(netd_k=-1), "NETD"),
         (dict(wavelength_um=[20.0, 21.0, 22.0]), "curves cover"),
         (dict(fwhm_um=[0.1]), "one width"),

@@ -214,7 +214,7 @@ def test_bad_input_is_one_sentence(tmp_path, made):
         unmade[0]
     with pytest.raises(IndexError):
         unmade[2]
-    with pytest.raises(InputError, match="spp must be a whole number >= 1"):  # as told by a worker
+    with pytest.raises(InputError, match="spp must be a whole number of 1"):  # as told by a worker
         unmade.make(workers=1)
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot make the folder"):

@@ -43,13 +43,14 @@ LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
 LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
 LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
-SAMPLES = 500  # pixels
+SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them among
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 DOUBT = 1.5  # times that, by which T is misled, in all pixels of a material alike
+MIRROR, LEAST_MATERIALS = 0.3, 2  # of mean emissivity less; to choose from
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
@@ -93,28 +94,36 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
     Environment with a sky that is assumed than in the one without, in which the camera was found
     to be of a Calibration; other arguments as of `calibration`.
 
-    In a closed room they are not: a sky is one more object that could light it, and does not."""
+    In a closed room they are not: a sky is one more object that could light it, and does not.
+    Mirrors do not count: they may be of anything, even of themselves, as an object that was found
+    in the picture has their very spectrum."""
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return False
     alike, found = {}, found._replace(noise=1.0, misfit=1.0, doubt=0.0)
+    seen = np.flatnonzero(library.at(cube.wavelength_um).mean(axis=1) >= MIRROR)
+    if len(seen) < LEAST_MATERIALS:
+        return False
     without, under = losses({
-        of: _Scene(part, of, library, look).nats(c, alike)
+        of: _Scene(part, of, library, look, seen).nats(c, alike)
         for of, c in ((environment, found), (under_sky, RIGHT))
     }).values()  # fmt: skip
     return without - under >= SKY_WORTH
 
 
 class _Scene(NamedTuple):
-    """Some pixels of a cube, what surrounds them, and look, which explains them by a library."""
+    """Some pixels of a cube, what surrounds them, and look, which explains them by a library, or
+    by those of its materials that may be seen, as indices."""
 
     part: HeatCube
     environment: Environment
     library: MaterialLibrary
     look: object
+    seen: np.ndarray | None = None
 
     def maps(self, environment, part, alike=None):
-        return self.look(environment, part, np.arange(len(self.library)), None, None, alike)
+        seen = np.arange(len(self.library)) if self.seen is None else self.seen
+        return self.look(environment, part, seen, None, None, alike)
 
     def nats(self, c, alike):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
@@ -164,7 +173,7 @@ def _sample(cube, left_out=None):
     away."""
     height, width = cube.shape
     good = np.ones(cube.shape, bool) if left_out is None else ~left_out
-    pixels = SAMPLES * good.size // max(1, np.count_nonzero(good))
+    pixels = min(SAMPLES * good.size // max(1, np.count_nonzero(good)), MOST_SAMPLES)
     down = min(max(1, int((height * width / pixels) ** 0.5)), height)
     across = max(1, -(-height // down) * width // pixels)
     bands = scratch.parts(cube.radiance)

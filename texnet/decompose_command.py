@@ -171,7 +171,7 @@ def _of_pixels(saturated, dead):
     if saturated:
         yield f"Saturated    {100 * saturated:.2g} % of the pixels: unknown, and T a lower bound"
     if dead:
-        yield f"Dead         {100 * dead:.2g} % of the pixels hold nothing: unknown"
+        yield f"Dead         {100 * dead:.2g} % of the pixels were not measured: unknown"
 
 
 def _netd(r):

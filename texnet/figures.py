@@ -49,7 +49,7 @@ def maps_figure(decomposition, truth, path):
     own = [
         ("sigma of T (K)", "viridis", _on(ground, d.temperature_sigma_k)),
         ("residual (noise units)", "viridis", _on(seen, d.residual)),
-        (f"unknown ({100 * unknown.mean():.1f} %, white)", "gray", unknown),
+        (f"unknown ({100 * d.unknown[~d.dead].mean():.1f} %, white)", "gray", unknown),
     ]
     if truth is None:
         fig, axes = _panels(2, 4, d.residual.shape, legend)
@@ -92,13 +92,13 @@ def comparison_figure(decomposition, cube, truth, path):
     raw = panchromatic(cube)
     equalised = clahe(raw)
     components = principal_components(cube)
-    as_rgb = np.stack([stretch(c) for c in components], axis=-1)
+    as_rgb = np.stack([stretch(c, ~d.dead) for c in components], axis=-1)
 
     def match(p):
         return np.nan if truth is None else texture_correlation(p, truth)
 
     pictures = [  # title, picture, its texture correlation
-        ("thermal, all bands", np.repeat(stretch(raw)[..., None], 3, -1), abs(match(raw))),
+        ("thermal, all bands", np.repeat(stretch(raw, ~d.dead)[..., None], 3, -1), abs(match(raw))),
         ("CLAHE of it", np.repeat(equalised[..., None], 3, -1), abs(match(equalised))),
         ("3 principal components", as_rgb, max(abs(match(c)) for c in components)),
         ("TeX vision", tex_vision(d), match(d.sky_texture)),
@@ -226,7 +226,7 @@ def _hues(d, truth=None):
     starter = MaterialLibrary.starter()
     of_library = {SKY: starter.hue_deg[starter.sky_index]}  # a truth may hold it, a library not
     of_library |= zip(d.material_names, d.hue_deg, strict=True)
-    hues = {n: of_library[n] for n in names_in_view(d)}
+    hues = {n: of_library[n] for n in names_in_view(d, seen=~d.dead)}
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
         hues |= {n: of_library[n] for n in names_in_view(truth) if n in of_library}
@@ -237,13 +237,15 @@ def _hues(d, truth=None):
 def _show_materials(ax, title, answer, hues, blank=False):
     _bare(ax, title)
     colours = np.array([colour_of(hues.get(n, 0.0)) for n in answer.material_names])
-    opaque = np.broadcast_to(~np.asarray(blank), answer.material.shape)
-    ax.imshow(np.dstack([colours[answer.material], opaque]), interpolation="nearest")
+    picture = np.rint(255 * colours).astype(np.uint8)[answer.material]
+    if np.any(blank):
+        picture = np.dstack([picture, np.where(blank, 0, 255).astype(np.uint8)])
+    ax.imshow(picture, interpolation="nearest")
 
 
 def _legend(hues, d, truth=None):
     """{label: colour} of what is in view; what the library lacks and the truth holds is marked."""
-    labels = {n: n for n in names_in_view(d, LEAST_SHARE)}
+    labels = {n: n for n in names_in_view(d, LEAST_SHARE, ~d.dead)}
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
         there = names_in_view(truth, LEAST_SHARE)

@@ -63,7 +63,7 @@ def answer(run, look, cube, materials, expects):
     step = min(STEP, max(PATCH, step))
     probability = look(from_afar(cube, step), every, None, None)["material_probability"]
     if cube.dead.any():
-        probability = np.where(_patches(cube.dead, step) == 1, np.nan, probability)
+        probability = np.where(_all_dead(cube, step), np.nan, probability)
     if not enough:
         return run(cube, every, Expected(expected(probability), step), None)
     seen = materials_seen(probability)
@@ -77,7 +77,16 @@ def from_afar(cube, step):
     """HeatCube of the patches' means, one every step pixels."""
     means = np.stack([_patches(band, step) for band in scratch.parts(cube.radiance)])
     pixels = math.prod(min(PATCH, size) for size in cube.shape)
-    return HeatCube(means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / math.sqrt(pixels))
+    dead = _all_dead(cube, step)
+    return HeatCube(
+        means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / math.sqrt(pixels),
+        None if dead.all() else dead,
+    )  # fmt: skip
+
+
+def _all_dead(cube, step):
+    """(h, w) bool: patches of which no pixel was measured."""
+    return _patches(cube.dead, step) == 1
 
 
 def _patches(band, step):

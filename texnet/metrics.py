@@ -129,11 +129,12 @@ def names_lacking(decomposition, truth):
     return lacking, bool(lacking) and len(lacking) == len(there)
 
 
-def names_in_view(answer, least=0.0):
+def names_in_view(answer, least=0.0, seen=True):
     """Names of a Truth's or Decomposition's materials, most pixels first, of those with more
-    than a fraction `least` of the pixels."""
+    than a fraction `least` of the pixels; seen (height, width) bool are those that count."""
     names = answer.material_names
-    share = np.bincount(answer.material.ravel(), minlength=len(names)) / answer.material.size
+    material = answer.material[np.broadcast_to(seen, answer.material.shape)]
+    share = np.bincount(material, minlength=len(names)) / max(1, material.size)
     return [names[i] for i in np.argsort(-share, kind="stable") if share[i] > least]
 
 

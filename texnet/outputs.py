@@ -4,8 +4,8 @@
     tex_vision.png     the TeX-vision picture, pixel for pixel
     maps.png           every map with its units (and truth and error where truth is known)
     comparison.png     TeX vision beside what people look at today, if wanted
-    maps.exr           T (K), sigmaT (K), material (index), unknown (0, 1), residual (noise
-                       units), skyTexture (W m-2 sr-1 um-1), V.0 ... V.<k-1>; float32
+    maps.exr           T (K), sigmaT (K), material (index), unknown and dead (0, 1), residual
+                       (noise units), skyTexture (W m-2 sr-1 um-1), V.0 ... V.<k-1>; float32
 """
 
 import os
@@ -42,6 +42,8 @@ def check_directory(directory, *inputs, names=FILES):
     if os.path.lexists(directory) and not directory.is_dir():
         raise InputError(f"cannot write into {directory}: it is a file or a dead link, no folder.")
     if directory.is_dir():
+        if not os.access(directory, os.W_OK):
+            raise InputError(f"cannot write into {directory}; check its permissions.")
         for name in names:
             check_writable(directory / name, *inputs)
     else:
@@ -109,6 +111,7 @@ def _write_maps_exr(d, path):
         "sigmaT": d.temperature_sigma_k,
         "material": d.material,
         "unknown": d.unknown,
+        "dead": d.dead,
         "residual": d.residual,
         "skyTexture": d.sky_texture,
     } | {f"V.{j}": v for j, v in enumerate(d.thermal_lighting)}

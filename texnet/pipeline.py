@@ -63,7 +63,7 @@ class Decomposition:
                           (`doubt`); only the neighbours speak for the one given; or the pixel is
                           saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
-    dead                  True where nothing was measured: all maps are the nearest pixel's that was
+    dead                  True where nothing was measured: maps are a guess by the nearest spectrum
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
     gain, offset_k        of the camera, and
@@ -110,11 +110,12 @@ class Decomposition:
     seconds: dict = field(default_factory=dict)
 
     def __repr__(self):
-        height, width = self.material.shape
+        (height, width), seen = self.material.shape, ~self.dead
         return (
             f"<Decomposition of {height} x {width} pixels: half warmer than "
-            f"{np.nanmedian(self.temperature_k):.1f} K, {len(np.unique(self.material))} materials, "
-            f"{self.unknown.mean():.1%} unknown>"
+            f"{np.nanmedian(self.temperature_k[seen]):.1f} K, "
+            f"{len(np.unique(self.material[seen]))} materials, {self.unknown[seen].mean():.1%} "
+            "unknown>"
         )
 
 

@@ -1,7 +1,7 @@
 """What the network learns from without truth: crops of somebody's own cubes.
 
 The environment is estimated from the whole cube, once for each number of objects; a draw takes
-one of them and a random crop, around a pixel that is not dead.
+one of them and a random crop, most of which was measured, if that is easily found.
 """
 
 import numpy as np
@@ -14,6 +14,8 @@ from physics.known import known_arrays
 from physics.prepared import prepared
 
 from .samples import OBJECTS, Sample, features
+
+TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
 class Crops(Dataset):
@@ -35,20 +37,20 @@ class Crops(Dataset):
                 known.append(Known.of(known_arrays(cube, library, environment)))
             # a tensor, which worker processes share
             radiance = torch.from_numpy(cube.radiance.copy())
-            self.cubes.append((radiance, np.flatnonzero(~cube.dead), known))
+            self.cubes.append((radiance, torch.from_numpy(cube.dead.copy()), known))
 
     def __len__(self):
         return len(self.cubes)
 
     def __getitem__(self, i):
-        radiance, measured, known = self.cubes[i % len(self)]
+        radiance, dead, known = self.cubes[i % len(self)]
         rng = np.random.default_rng([self.seed, 2, i])
         known = known[rng.integers(len(known))]
-        side, shape = self.side, radiance.shape[1:]
-        around = np.unravel_index(measured[rng.integers(len(measured))], shape)
-        top, left = (
-            int(np.clip(at - rng.integers(side), 0, max(0, n - side)))
-            for at, n in zip(around, shape, strict=True)
-        )
-        radiance = radiance[:, top : top + side, left : left + side]
+        side = self.side
+        for _ in range(TRIES):
+            top, left = (int(rng.integers(max(1, n - side + 1))) for n in dead.shape)
+            at = slice(top, top + side), slice(left, left + side)
+            if not dead[at].any() or dead[at].float().mean() <= MOST_DEAD:
+                break
+        radiance = radiance[:, *at]
         return Sample(known, radiance, *[None] * 6), features(known, radiance)

@@ -217,7 +217,8 @@ def trace_on_demand(scene, size, spp, seed, library):
     for what, n, least in (("height", size[0], 1), ("width", size[1], 1), ("spp", spp, 1),
                            ("seed", seed, 0)):  # fmt: skip
         if not isinstance(n, (int, np.integer)) or not least <= n < 2**64:
-            raise InputError(f"simulate: {what} must be a whole number >= {least}, got {n!r}.")
+            wanted = f"a whole number of {least}..2**64 - 1"
+            raise InputError(f"simulate: {what} must be {wanted}, got {n!r}.")
     height, width = (int(n) for n in size)
     library = library.subset(dict.fromkeys(o.material for o in scene.objects))
     tracer = Tracer(scene, library)
