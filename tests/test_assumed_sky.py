@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from traced import names_of, one_thread, said, traced  # noqa: F401
 
-from physics import Environment, MaterialLibrary
+from physics import Environment, HeatCube, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
+from physics.planck import noise_sigma, radiance
+from physics.sky import sky_radiance, usual_atmosphere
 from texnet.cube_io import write_cube
 from texnet.pipeline import decompose
 
@@ -31,6 +34,26 @@ def test_ground_alone_is_explained_by_a_usual_sky(name, bands, method):
     assert (names_of(d) == names).mean() > 0.6  # without, hardly any
     assert np.abs(d.temperature_k - t).mean() < 0.8  # and 1.5 K and more
     assert (np.abs(d.temperature_k - t) < 2 * d.temperature_sigma_k).mean() > 0.9
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+@pytest.mark.parametrize("bands", [54, 18])
+@pytest.mark.parametrize("material", ["sand", "sandstone", "granite"])
+def test_a_field_of_one_material_is_no_mirror_of_itself(material, bands, method):
+    """All objects that are found have the material's own spectrum, which a mirror would show."""
+    rng, air = np.random.default_rng(0), usual_atmosphere(288.0)
+    w, width = equidistant_bands(bands)
+    e = LIBRARY.at(w)[LIBRARY.index(material)][:, None, None]
+    t, v = rng.normal(290, 2, (40, 50)), rng.uniform(0.6, 1.0, (40, 50))
+    own = radiance(w[:, None, None], t)
+    sky = sky_radiance(w, [0.6], air)[0][:, None, None]
+    s = e * own + (1 - e) * (v * sky + (1 - v) * own)
+    s += noise_sigma(w, 0.05)[:, None, None] * rng.standard_normal(s.shape)
+    d = decompose(HeatCube(s, w, width, 0.05), method=method)
+    assert d.sky_assumed
+    if method == "net+sgd" or bands == 54:
+        assert np.abs(d.temperature_k - t).mean() < 0.5
+        assert (names_of(d) == material).mean() > 0.8
 
 
 def test_the_network_alone_assumes_none():
