@@ -17,6 +17,7 @@ from ..bands import quadrature
 from ..errors import InputError
 from ..heat_cube import check_wavelength
 from ..planck import noise_sigma, radiance
+from ..threads import cores, in_threads
 
 CELL_UM = 0.02  # between the wavelengths that a cell is averaged over, at most
 FLOOR_K = 100.0  # coldest black body that a reading can mean: 1e-3 of 300 K's light at most
@@ -55,11 +56,12 @@ class Bands:
     def in_cells(self, spectrum):
         """(..., n) cell means of spectrum: (m,) ascending wavelengths in um -> (..., m)."""
         count = max(1, int(np.ceil(self.cell_um.max() / CELL_UM - 1e-9)))
-        total = 0.0
-        for offset in (np.arange(count) + 0.5) / count - 0.5:
+
+        def at(offset):
             w, index = np.unique(self.fine_um + offset * self.cell_um, return_inverse=True)
-            total = total + spectrum(w)[..., index]
-        return total / count
+            return spectrum(w)[..., index]
+
+        return sum(in_threads(at, (np.arange(count) + 0.5) / count - 0.5, cores())) / count
 
     def average(self, spectrum):
         """(..., n) of cells -> (..., bands) band means."""
