@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 
 from .dead_pixels import MOST, lit
-from .heat_cube import LEAST_NETD_K, MAX_NETD_K, sampling_step
+from .heat_cube import LEAST_NETD_K, MAX_NETD_K
 from .planck import noise_sigma
 
 SAMPLES = 6000  # pixels
@@ -60,9 +60,8 @@ def _samples(cube):
     """(n, bands) spectra of some pixels, and their differences from the next pixel but one row
     down, K at 300 K, none of them dead if it can be; zeros in bands without light."""
     size, next_to, dead = cube.dead.size, cube.shape[1] + 1, cube.dead.reshape(-1)
-    step = sampling_step(cube.shape, SAMPLES * size // cube.measured_count)
-    first = np.arange(0, size, step)
-    measured = ~(dead[first] | dead[(first + next_to) % size])
+    first = cube.regular_pixels(SAMPLES)
+    measured = ~dead[(first + next_to) % size]
     first = first[measured if measured.any() else slice(None)]
     both = cube.pixels(np.concatenate([first, (first + next_to) % size]))
     both[:, ~lit(both).all(axis=0)] = 0

@@ -161,11 +161,13 @@ class HeatCube:
     def sample(self, most):
         """(n, bands) float64 spectra of a regular subsample of most pixels, or a few times that,
         none of them dead."""
+        return self.pixels(self.regular_pixels(most))
+
+    def regular_pixels(self, most):
+        """(n,) ascending indices into `spectra` of the pixels of `sample`."""
         step = sampling_step(self.shape, most * self.dead.size // self.measured_count)
-        if not self.dead.any():
-            return self.pixels(slice(None, None, step))
         at = np.arange(0, self.dead.size, step)
-        return self.pixels(at[~self.dead.reshape(-1)[at]])
+        return at[~self.dead.reshape(-1)[at]]
 
     def random_pixels(self, rng, most):
         """(n,) ascending indices into `spectra` of most pixels at random, none of them dead."""

@@ -36,7 +36,6 @@ import numba
 import numpy as np
 
 from .errors import InputError
-from .heat_cube import sampling_step
 from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 
@@ -62,11 +61,10 @@ class State:
     row: np.ndarray
 
 
-def material_shares(energy, dead):
-    """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation, of energy
-    (P, L) of a picture's pixels, but those that are dead (H, W)."""
-    step = sampling_step(dead.shape, SHARE_SAMPLES)
-    u = energy[::step][~dead.reshape(-1)[::step]].astype(np.float64)
+def material_shares(energy):
+    """(L,) maximum-likelihood shares pi of the materials, by expectation maximisation, of the
+    energy (n, L) of some pixels."""
+    u = energy.astype(np.float64)
     likelihood = np.exp(u.min(axis=1, keepdims=True) - u)
     pi = np.full(u.shape[1], 1.0 / u.shape[1])
     for _ in range(SHARE_SWEEPS):
@@ -127,7 +125,8 @@ class Objective:
         self.shape = cube.shape
         self.spectra = cube.spectra
         self.local = local
-        self.log_share = np.log(material_shares(local.energy, cube.dead)).astype(np.float32)
+        some = cube.regular_pixels(SHARE_SAMPLES)
+        self.log_share = np.log(material_shares(local.energy[some])).astype(np.float32)
         self.unary = local.energy - self.log_share  # of every material at its local optimum
         down, right = (BETA * w for w in edge_weights(cube.radiance, model.sigma, cube.dead))
         row, column = np.zeros((1, self.shape[1])), np.zeros((self.shape[0], 1))

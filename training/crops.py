@@ -50,7 +50,7 @@ class Crops(Dataset):
         for _ in range(TRIES):
             top, left = (int(rng.integers(max(1, n - side + 1))) for n in dead.shape)
             at = slice(top, top + side), slice(left, left + side)
-            if not dead[at].any() or dead[at].float().mean() <= MOST_DEAD:
+            if dead[at].float().mean() <= MOST_DEAD:
                 break
         radiance = radiance[:, *at]
         return Sample(known, radiance, *[None] * 6), features(known, radiance)

@@ -104,7 +104,7 @@ def finetune(
 def calibrated(cube, library, network, device="cpu", progress=None):
     """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet, and
     whether that assumes a sky. Raises InputError as that does."""
-    model, k = torch_model(network=network, device=device), min(K, cube.shape[0] * cube.shape[1])
+    model, k = torch_model(network=network, device=device), min(K, cube.measured_count)
     d = decompose(cube, library, k=k, model=model, progress=progress)
     bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
     right = corrected(prepared(cube, library).cube, Calibration(d.gain, d.offset_k, bands=bands))
