@@ -9,6 +9,7 @@ demo: .venv/.installed
 
 test: .venv/.installed-test
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
 	$(BIN)/python -m pytest -n 2
 
 # Stamps, so that a second make does not set up again.

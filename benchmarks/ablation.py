@@ -86,15 +86,15 @@ def compare(out, cache, epochs, variants=tuple(VARIANTS), progress=None):
             t.eval().terms = "both"  # all are measured alike
             with torch.no_grad():
                 metrics[name].append({n: float(v) for n, v in t.measures(sample, s).items()})
-    of_seeds = lambda name: [metrics[f"{name}, seed {seed}"] for seed in SEEDS]  # noqa: E731
-    network = lambda name: trainings[f"{name}, seed {SEEDS[0]}"].network  # noqa: E731
+    of_seeds = lambda name: [metrics[f"{name}, seed {seed}"] for seed in SEEDS]
+    network = lambda name: trainings[f"{name}, seed {SEEDS[0]}"].network
     for name in variants:
         save_network(network(name), out / f"{name}.safetensors", what | {"variant": name})
     return [_row(n, network(n), of_seeds(n), of_seeds(variants[0])) for n in variants]
 
 
 def _row(name, network, metrics, first):
-    entropy = lambda m: np.array([[scene["cross_entropy"] for scene in seed] for seed in m])  # noqa: E731
+    entropy = lambda m: np.array([[scene["cross_entropy"] for scene in seed] for seed in m])
     more = (entropy(metrics) - entropy(first)).mean(0)
     return {
         "variant": name,
@@ -108,7 +108,7 @@ def _row(name, network, metrics, first):
 
 def _multiply_adds(network):
     """Of the convolutions, per pixel."""
-    size = lambda module: sum(p.numel() for p in module.parameters() if p.ndim == 4)  # noqa: E731
+    size = lambda module: sum(p.numel() for p in module.parameters() if p.ndim == 4)
     return size(network) - size(network.trunk) * (1 - network.config["stride"] ** -2)
 
 

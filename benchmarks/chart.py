@@ -154,7 +154,7 @@ def by_scipy(scene):
 
 def _answer(scene, truth, temperature_k, material, x, picture):
     """What `evaluate` takes, of flat maps; which pixels are sky is told."""
-    maps = lambda a: a.reshape(*a.shape[:-1], *truth.material.shape)  # noqa: E731
+    maps = lambda a: a.reshape(*a.shape[:-1], *truth.material.shape)
     material = np.where(non_sky(truth), maps(material), scene.library.sky_index)
     return SimpleNamespace(
         temperature_k=maps(temperature_k), material=material, material_names=scene.library.names,

@@ -163,7 +163,7 @@ def _network(part, args, library, report):
     """(network, scenes it took, draws it took, minutes of training) of a part."""
     if part == "scratch":
         scenes = ReshadedSet(args.cache, "train", args.scratch_scenes, library)
-        scenes.make(lambda n, of: report(n, of, "scenes"))
+        scenes.make(progress=lambda n, of: report(n, of, "scenes"))
         folder = f"{scenes.folder.name}-{fingerprint(library.wavelength_um, library.emissivity)}"
         scenes = Shaded(scenes, args.cache / "shaded" / folder, report)
         lightning.seed_everything(0, verbose=False)
@@ -183,7 +183,7 @@ def _network(part, args, library, report):
     cubes = []
     if part == "cubes":
         seen = ReshadedSet(args.cache, "validation", CUBES, library)
-        seen.make(lambda n, of: report(n, of, "scenes"))
+        seen.make(progress=lambda n, of: report(n, of, "scenes"))
         cubes = [seen.shade(i, *equidistant_bands(BANDS), NETD_K)[0] for i in range(CUBES)]
     network, history = recipe.finetune(
         network, library, args.cache, scenes=args.scenes, epochs=args.epochs, cubes=cubes,
@@ -206,7 +206,7 @@ def run(part, args, library):
     with progress_bar() as report:
         network, scenes, draws, minutes = _network(part, args, library, report)
         test = ReshadedSet(args.cache, "test", args.test_scenes, library)
-        test.make(lambda n, of: report(n, of, "test scenes"))
+        test.make(progress=lambda n, of: report(n, of, "test scenes"))
     cost = {
         "draws": draws, "minutes_scenes": round(scenes * _seconds_per_scene(library) / 60, 2),
         "minutes_training": round(minutes, 2),

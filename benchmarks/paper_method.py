@@ -63,7 +63,7 @@ def paper_decompose(cube, library, environment):
     objects = environment.sky or _sky_objects(cube.spectra, radiance, is_sky)
     lighting = state.thermal_lighting
     of_sky = lighting[:, list(objects)] @ radiance[list(objects)].mean(axis=1)
-    maps = lambda a, dtype=np.float32: np.asarray(a, dtype).reshape(*a.shape[:-1], *cube.shape)  # noqa: E731
+    maps = lambda a, dtype=np.float32: np.asarray(a, dtype).reshape(*a.shape[:-1], *cube.shape)
     return Decomposition(
         temperature_k=maps(state.temperature_k),
         material=maps(state.material, np.int16),
@@ -77,7 +77,8 @@ def paper_decompose(cube, library, environment):
         temperature_sigma_k=maps(answer.sigma_k),
         material_probability=maps(answer.probability.T),
         unknown=np.zeros(cube.shape, bool),
-        saturated=np.zeros(cube.shape, bool), dead=cube.dead,
+        saturated=np.zeros(cube.shape, bool),
+        dead=cube.dead,
         wavelength_um=cube.wavelength_um,
         hue_deg=library.hue_deg,
         netd_k=cube.netd_k,

@@ -37,7 +37,7 @@ def features(d):
     """(n, height, width) of a Decomposition: what may tell how far T is off."""
     t = d.temperature_k.astype(np.float64)
     p = np.take_along_axis(d.material_probability, d.material[None].astype(np.int64), 0)[0]
-    near = lambda a: np.lib.stride_tricks.sliding_window_view(  # noqa: E731
+    near = lambda a: np.lib.stride_tricks.sliding_window_view(
         np.pad(a, 1, mode="edge"), (3, 3)
     ).reshape(*a.shape, 9)
     of_same = near(d.material) == d.material[..., None]

@@ -240,7 +240,7 @@ def limits(cube, library, environment):
 def simulator(library):
     """Rays a second of a whole `simulate`, and of Embree alone on the same rays."""
     scene, (w, fwhm) = preset("forest", 7), equidistant_bands(BANDS)
-    run = lambda: simulate(  # noqa: E731
+    run = lambda: simulate(
         scene, wavelength_um=w, fwhm_um=fwhm, size=SIMULATED, spp=SPP, netd_k=NETD_K, seed=7,
         library=library,
     )  # fmt: skip
@@ -320,10 +320,8 @@ def growth(traced, library):
             cube = frame(traced, library, n if axis == "bands" else BANDS, (side, side))
             environment = estimate_environment(cube, some, n if axis == "k" else K)
             for method, model in (("local", None), ("net+sgd", run)):
-                solve = lambda: decompose(  # noqa: E731
-                    cube, some, method=method, model=model, environment=environment  # noqa: B023
-                )
-                row = timed(method, side * side, solve, repeats=1)
+                how = dict(method=method, model=model, environment=environment)
+                row = timed(method, side * side, partial(decompose, cube, some, **how), repeats=1)
                 size = side * side if axis == "pixels" else n
                 seconds = row["seconds_per_megapixel"] * side * side / 1e6
                 yield {"axis": axis, "size": size, "method": method, "seconds": seconds}
@@ -333,7 +331,7 @@ def growth(traced, library):
             side = n if axis == "pixels" else SIMULATED_SIDE
             w, fwhm = equidistant_bands(n if axis == "bands" else BANDS)
             spp = n if axis == "paths" else SPP
-            run = lambda: simulate(  # noqa: E731
+            run = lambda: simulate(
                 scene, wavelength_um=w, fwhm_um=fwhm, size=(side, side), spp=spp,  # noqa: B023
                 netd_k=NETD_K, seed=7, library=library,
             )  # fmt: skip

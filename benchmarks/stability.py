@@ -134,7 +134,7 @@ def emissivity_to_one(view, library, share):
 
 
 def grey_bodies(view, library, share):
-    mean = lambda e: e.mean(axis=1, keepdims=True)  # noqa: E731
+    mean = lambda e: e.mean(axis=1, keepdims=True)
     library = with_curves(library, lambda e: mean(e) + share * (e - mean(e)))
     return Case(*shaded(view, library), library)
 
@@ -210,8 +210,8 @@ def mixed_pixels(view, library, n):
     """n x n pixels become one."""
     cube, truth = shaded(view, library, netd_k=0)
     h, w = (m // n for m in cube.shape)
-    cut = lambda a: a[..., : h * n, : w * n].reshape(*a.shape[:-2], h, n, w, n)  # noqa: E731
-    mean = lambda a: cut(a).mean(axis=(-3, -1))  # noqa: E731
+    cut = lambda a: a[..., : h * n, : w * n].reshape(*a.shape[:-2], h, n, w, n)
+    mean = lambda a: cut(a).mean(axis=(-3, -1))
     rng = np.random.default_rng(view.draw)
     s = add_noise(mean(cube.radiance), cube.wavelength_um, NETD_K, rng)
     each = cut(truth.material).transpose(0, 2, 1, 3).reshape(h, w, -1)

@@ -51,7 +51,7 @@ def curves(cube, library, rng):
     for start in STARTS:
         stamps = []
         clock = time.perf_counter()
-        note = lambda *_, to=stamps: to.append(time.perf_counter())  # noqa: E731
+        note = lambda *_, to=stamps: to.append(time.perf_counter())
         refined = refine(objective, states[start], note)
         # the trace also holds the start and the steps before the first round
         rounds = len(stamps)

@@ -76,8 +76,7 @@ def _bad(wavelength_um, spectra, differences, good):
     same = ~varies & (varies.any() | (s[0] == 0))
     if same.any():
         return {
-            good[i]: "the same everywhere" if s[0, i] else NO_RADIANCE
-            for i in np.flatnonzero(same)
+            good[i]: "the same everywhere" if s[0, i] else NO_RADIANCE for i in np.flatnonzero(same)
         }
     noise = _own_noise(d)
     if noise is None:

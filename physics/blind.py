@@ -33,7 +33,7 @@ from sklearn.cluster import KMeans
 
 from .environment import Environment
 from .errors import InputError
-from .estimate import SAMPLES, estimate_environment, sky_clusters
+from .estimate import Sample
 from .heat_cube import HeatCube
 from .library import SKY, MaterialLibrary
 from .local import solve_given, solve_local
@@ -76,15 +76,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         )
     netd_k = max(own_k, MIN_NETD_K)
     cube = replace(cube, netd_k=netd_k)
-    rng = np.random.default_rng(seed)
-    pick = cube.random_pixels(rng, SAMPLES)
-    s = cube.pixels(pick)
-    order = np.argsort(s.mean(axis=1), kind="stable")  # as in `estimate`: places do not matter
-    s, row = s[order], pick[order] // cube.shape[1] / cube.shape[0]
-    missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
-    s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
-    fit, of_sky = sky_clusters(cube, starter, s / cube.sigma, row, seed)
-    sky = of_sky[fit.labels_]
+    sample = Sample(cube, starter, seed)
+    sky = sample.sky
     if not sky.any():
         raise InputError(
             "library: no sky was found in the cube, and where all is about as warm as its "
@@ -92,7 +85,10 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         )
     if np.count_nonzero(~sky) < MIN_PIXELS:
         raise InputError(f"library: the cube has fewer than {MIN_PIXELS} pixels beside the sky.")
-    environment = estimate_environment(cube, starter, ENVIRONMENT_OBJECTS, seed=seed)
+    environment = sample.environment(ENVIRONMENT_OBJECTS)
+    s, rng = sample.spectra * cube.sigma, np.random.default_rng(seed)
+    missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
+    s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
     e = _emissivity(cube, s[~sky], environment.radiance[list(environment.sky)].mean(axis=0))
     curves = _cluster_curves(e, max(CLUSTERS, materials or 0), seed)
     scene = _Scene(cube, s, environment, _sky_curve(cube, s[sky], starter))
@@ -138,7 +134,7 @@ class _Scene(NamedTuple):
 
 def _emissivity(cube, s, sky):
     """(P, bands) e of spectra s that mirror the sky (bands,), at the T that suits it best."""
-    second = lambda a: a[:, 2:] - 2 * a[:, 1:-1] + a[:, :-2]  # noqa: E731
+    second = lambda a: a[:, 2:] - 2 * a[:, 1:-1] + a[:, :-2]
     low = np.sort(brightness_temperature(cube.wavelength_um, s), axis=1)[:, -2]
     high = np.maximum(np.quantile(low, 0.98), low + OVER_K) + OVER_K
     best, found, best_k = np.full(len(s), np.inf), np.empty_like(s), low.copy()
@@ -199,6 +195,7 @@ def _cluster_curves(e, n, seed):
 def _missed(energy, curves):
     """Share of the pixels that lose more than NATS without each of some curves, given as columns
     of energy (P, 1 + n), of which column 0 is the sky's."""
+
     def loss(c):
         without = energy[:, [0, *(o for o in curves if o != c)]].min(axis=1)
         return np.mean(without - energy[:, c] > NATS)

@@ -24,7 +24,7 @@ def contrast_terms(temperature_k, emissivity, texture, wavelength_um):
     Their sum is the gradient of S to first order.
     """
     w = np.asarray(wavelength_um)[:, None, None]
-    d = lambda a: np.stack(np.gradient(a, axis=(-2, -1)))  # noqa: E731
+    d = lambda a: np.stack(np.gradient(a, axis=(-2, -1)))
     return {
         "temperature": d(temperature_k)[:, None]
         * emissivity

@@ -112,7 +112,7 @@ class Sample:
         self.sky = self.inner = np.zeros(len(pick), bool)
         if library.sky_index is None:
             return
-        fit, of_sky = sky_clusters(self.cube, library, self.spectra, self.row, seed)
+        fit, of_sky = _sky_clusters(self.cube, library, self.spectra, self.row, seed)
         self.sky = self.inner = of_sky[fit.labels_]
         if self.sky.any():
             around = _neighbours(pick[self.sky], cube.shape)
@@ -193,7 +193,7 @@ def _telling(radiance, wavelength_um):
     return tell
 
 
-def sky_clusters(cube, library, spectra, row, seed):
+def _sky_clusters(cube, library, spectra, row, seed):
     """Clusters of the whitened spectra, and (clusters,) which are sky."""
     opacity = _opacities(cube, library)
     fit = _clusters(spectra, SKY_CLUSTERS, 1, seed)

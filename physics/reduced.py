@@ -168,7 +168,7 @@ def reduce_model(
     gram[:, v, v] += V_PRECISION * k
     offset = np.zeros((len(of.material), terms + k))
     offset[:, v] = V_PRECISION
-    by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))  # noqa: E731
+    by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))
     return ReducedModel(
         library=library, environment=environment, wavelength_um=w, sigma=sigma,
         material=of.material, sky_share=of.share, emissivity=emissivity, forward=a,

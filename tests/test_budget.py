@@ -31,9 +31,7 @@ def test_the_better_method_where_time_allows_and_the_faster_where_not(budget, me
     assert of(SLOW_IS_BETTER)(budget) == (method, SLOW_IS_BETTER[method])
 
 
-@given(
-    st.lists(st.floats(0.1, 1e3), min_size=1, max_size=6), st.floats(0.1, 2e3), st.floats(1, 10)
-)
+@given(st.lists(st.floats(0.1, 1e3), min_size=1, max_size=6), st.floats(0.1, 2e3), st.floats(1, 10))
 def test_more_time_never_makes_it_worse(seconds, budget, times):
     rank = dict(enumerate(seconds))
     if budget < min(seconds):
@@ -153,6 +151,7 @@ def test_a_budget_chooses_and_is_reported(tmp_path, cube_and_library, capfd, mon
 
 def test_a_single_material_leaves_the_methods_without_a_network(monkeypatch):
     tried = []
+
     def decompose(*_, method, **__):
         tried.append(method)
         return SimpleNamespace(seconds={})

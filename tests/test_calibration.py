@@ -1,6 +1,5 @@
 """What is wrong with a camera is found where the scene shows it; a right one is left alone."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -52,7 +51,7 @@ def test_the_correction_undoes_what_the_camera_did(gain, offset_k):
 @pytest.mark.parametrize(("name", "method"), [("forest", "net+sgd"), ("room", "local")])
 def test_right_temperatures_from_a_wrong_gain(name, method):
     cube, truth = traced(name, 54)
-    named = lambda d: (names_of(d) == names_of(truth)).mean()  # noqa: E731
+    named = lambda d: (names_of(d) == names_of(truth)).mean()
     right = decompose(cube, method=method)
     assert (right.gain, right.offset_k) == (1, 0)
     for gain in (0.9, 0.97, 1.03):
@@ -121,13 +120,11 @@ def test_bands_off_among_each_other_are_found(name, bands, method, percent):
     assert (d.gain, d.offset_k, d.netd_k) == (1, 0, cube.netd_k)
     assert np.std(gains / d.band_gains) < 0.4 * np.std(gains)
     # an environment that is given leaves the cube as it is
-    believed = decompose(
-        shown, method=method, environment=estimate_environment(shown, LIBRARY, 5)
-    )
+    believed = decompose(shown, method=method, environment=estimate_environment(shown, LIBRARY, 5))
     error, without = (np.abs(a.temperature_k - truth.temperature_k)[ground] for a in (d, believed))
     assert np.median(error) < min(0.3, 0.5 * np.median(without))
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
-    named = lambda d: (names_of(d) == names_of(truth)).mean()  # noqa: E731
+    named = lambda d: (names_of(d) == names_of(truth)).mean()
     assert named(d) > named(right) - 0.02 > named(believed) + 0.1
 
 
@@ -276,11 +273,13 @@ def test_the_lowest_of_a_parabola_is_found(error):
 def test_it_must_gain_enough_and_more_than_the_other_kind():
     def of(gains, offsets, sky=True, **more):
         """What is taken where a gain of 1.03 gains so many nats, and an offset of 1 K."""
-        dip = lambda x: float(np.exp(-(x**2)))  # noqa: E731
+        dip = lambda x: float(np.exp(-(x**2)))
         return found(
-            lambda gain, offset_k: 10
-            - gains * dip((gain - 0.03) / 0.01) * (abs(offset_k) < 0.01)
-            - offsets * dip((offset_k - 1) / 0.3) * (abs(gain) < 1e-4),
+            lambda gain, offset_k: (
+                10
+                - gains * dip((gain - 0.03) / 0.01) * (abs(offset_k) < 0.01)
+                - offsets * dip((offset_k - 1) / 0.3) * (abs(gain) < 1e-4)
+            ),
             sky,
             **more,
         )
@@ -307,13 +306,13 @@ def test_it_must_gain_enough_and_more_than_the_other_kind():
 
 def test_what_fits_only_at_the_noise_that_is_stated_does_not_fit():
     """Wrong materials do, which are less likely at more noise."""
-    flexible = lambda noise: 0.9 if noise < 3 else 1.7  # noqa: E731
+    flexible = lambda noise: 0.9 if noise < 3 else 1.7
     assert as_stated(found(lambda *_: 10.0, residual=flexible)) == (6.8, 1.7)
     # what is left where the noise is far too much is not what is left in the end
-    rigid = lambda noise: 0.9 + 0.1 * (noise > 8)  # noqa: E731
+    rigid = lambda noise: 0.9 + 0.1 * (noise > 8)
     assert found(lambda *_: 10.0, residual=rigid) == RIGHT
     # nor is a gain believed with which nothing fits
-    likely = lambda gain, offset_k: 10 + 2e3 * (gain - 0.05) ** 2 + abs(offset_k)  # noqa: E731
+    likely = lambda gain, offset_k: 10 + 2e3 * (gain - 0.05) ** 2 + abs(offset_k)
     assert found(likely, residual=flexible).gain == 1
     assert found(likely, residual=rigid).gain == pytest.approx(1.05, abs=2e-3)
 
@@ -321,7 +320,7 @@ def test_what_fits_only_at_the_noise_that_is_stated_does_not_fit():
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.5, 1.5), st.floats(0, 0.005))
 def test_the_noise_rises_without_a_step(residual, more):
-    of = lambda residual: found(lambda gain, offset_k: 10.0, residual=residual)  # noqa: E731
+    of = lambda residual: found(lambda gain, offset_k: 10.0, residual=residual)
     less, much = of(residual), of(residual + more)
     assert 1 <= less.noise <= much.noise < less.noise * 1.1
     assert 1 <= less.misfit and (less.noise > 1 or less == RIGHT)

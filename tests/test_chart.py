@@ -158,9 +158,7 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, toy, monkeyp
 
 def test_a_half_measured_scene_does_not_count():
     wanted = {("4", "a"), ("4", "b")}
-    rows = [
-        dict(scene=s, bands="4", method=m) for s, m in [("1", "a"), ("1", "b"), ("2", "a")]
-    ]
+    rows = [dict(scene=s, bands="4", method=m) for s, m in [("1", "a"), ("1", "b"), ("2", "a")]]
     assert {r["scene"] for r in chart._whole_scenes(rows, wanted)} == {"1"}
 
 

@@ -260,8 +260,10 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
         (dict(wavelength_units="Nanometers"), "13.8889-8 nm leave 1-100 um"),
         (dict(wavelength=None), "does not say where its 6 bands lie"),
         (dict(wavelength_units="Index"), "where its wavelength units are 'Index'"),
-        (dict(wavelength_units="Unknown", wavelength=W / 2),
-         "write Micrometers, Nanometers or Wavenumber"),
+        (
+            dict(wavelength_units="Unknown", wavelength=W / 2),
+            "write Micrometers, Nanometers or Wavenumber",
+        ),
         (dict(wavelength_units=None, wavelength=W / 2), "its wavelength units are missing"),
         (dict(fwhm=-W), "one width >= 0"),
         (dict(bbl=np.zeros(6)), "all of its bands bad"),

@@ -31,9 +31,7 @@ def cubes(draw):
     n, h, w = len(nm6), draw(st.integers(1, 5)), draw(st.integers(1, 5))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     netd = draw(st.none() | st.floats(1e-3, 10))
-    return HeatCube(
-        rng.uniform(0.1, 20, (n, h, w)), np.sort(nm6) / 1e9, rng.uniform(0, 1, n), netd
-    )
+    return HeatCube(rng.uniform(0.1, 20, (n, h, w)), np.sort(nm6) / 1e9, rng.uniform(0, 1, n), netd)
 
 
 @pytest.mark.parametrize("suffix", [".exr", ".npz", ".EXR"])

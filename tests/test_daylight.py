@@ -112,9 +112,7 @@ def test_the_roulette_does_not_matter():
 def test_heat_knows_nothing_of_daylight():
     cubes = []
     for albedo, sun in ((0.05, (0, 0, 1)), (0.95, (0.6, 0, 0.8))):
-        scene = Scene(
-            [plane(300), ball()], Camera((3, -4, 2), (0, 0, 0.8), 40), Atmosphere(), sun
-        )
+        scene = Scene([plane(300), ball()], Camera((3, -4, 2), (0, 0, 0.8), 40), Atmosphere(), sun)
         cubes.append(simulate(
             scene, wavelength_um=[9.0, 11.0], fwhm_um=[0, 0], size=(12, 16), spp=16,
             library=library(soil=albedo, paint=albedo),

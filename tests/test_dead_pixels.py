@@ -1,6 +1,5 @@
 """Pixels without a measurement: found, filled from beside them, kept on disk, called unknown."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -157,9 +156,7 @@ def test_they_are_unknown_and_the_others_as_right_as_they_were(method):
     there, whole = (decompose(c, method=method, k=3) for c in (spoilt, cube))
     np.testing.assert_array_equal(there.dead, dead)
     assert there.unknown[dead].all() and there.temperature_sigma_k[dead].min() > 15
-    right, before = (
-        (names_of(d) == names_of(truth))[~dead].mean() for d in (there, whole)
-    )
+    right, before = ((names_of(d) == names_of(truth))[~dead].mean() for d in (there, whole))
     assert right > before - 0.02
     moved = np.abs(there.temperature_k - whole.temperature_k)[~dead]
     assert np.median(moved) < cube.netd_k / 2  # and few by more than they may be off

@@ -29,7 +29,7 @@ def test_it_is_what_a_slow_window_gives(height, width, level, seed):
     rng = np.random.default_rng(seed)
     t = level + 20 * rng.standard_normal((height, width))
     m, sigma = rng.integers(0, 3, t.shape), rng.uniform(0.01, 2, t.shape)
-    window = lambda of, a: of(a, 3, mode="nearest")  # noqa: E731
+    window = lambda of, a: of(a, 3, mode="nearest")
     variance = window(uniform_filter, t * t) - window(uniform_filter, t) ** 2
     edge = window(minimum_filter, m) != window(maximum_filter, m)
     slow = sigma**2 + (SCATTER**2 + edge * SCATTER_OF_MATERIALS**2) * variance

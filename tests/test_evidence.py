@@ -81,7 +81,7 @@ class World:
         self.library = curves(materials, depth, sky, seed) if library is None else library
         self.environment = surroundings(self.wavelength, k, rich, sky)
         n = shape[0] * shape[1]
-        of = lambda given, drawn: drawn if given is None else given  # noqa: E731
+        of = lambda given, drawn: drawn if given is None else given
         ground = np.setdiff1d(np.arange(len(self.library)), [of(self.library.sky_index, -1)])
         self.material = of(material, rng.choice(ground, n))
         self.temperature = of(temperature, rng.uniform(275, 305, n))
@@ -527,13 +527,13 @@ def test_components_rank_materials_as_well_as_all_bands(bands, rich):
     known = world.known()
     ours, _ = evidence(hypotheses(known), world.pixels(known))
     theirs = np.stack([one.log_density(world.scaled(known).numpy()) for one in dense(known)])
-    by_material = lambda a: np.logaddexp(a[:8], a[8:])  # noqa: E731
+    by_material = lambda a: np.logaddexp(a[:8], a[8:])
     ours, theirs = by_material(ours.double().numpy()), by_material(theirs)
     right, full = (a.argmax(axis=0) == world.material for a in (ours, theirs))
     assert 0.3 < full.mean() < 0.95
     # of 2000 pixels
     assert right.mean() > full.mean() - 0.02
-    probability = lambda a: np.exp(a - np.logaddexp.reduce(a))  # noqa: E731
+    probability = lambda a: np.exp(a - np.logaddexp.reduce(a))
     at = world.material, np.arange(2000)
     gap = np.log(probability(theirs)[at]) - np.log(probability(ours)[at])
     assert gap.mean() < 0.05  # nats per pixel that the bands left out would have told

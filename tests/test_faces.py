@@ -85,7 +85,7 @@ def test_on_every_face_neither_what_is_free_nor_temperature_would_lower_energy(m
         assert (v[~free] == 0).all() and (value > -np.inf).all()
         np.testing.assert_allclose(v.sum(axis=0), 1, atol=1e-9)
         t = model.mid_k + model.half_k * x
-        at = lambda t, v: energy_given(model, spectra, np.full(LANES, r), t, v.T)  # noqa: E731
+        at = lambda t, v: energy_given(model, spectra, np.full(LANES, r), t, v.T)
         np.testing.assert_allclose(value, at(t, v), rtol=1e-7)
         assert (at(t + 0.01, v) > value).all() and (at(t - 0.01, v) > value).all()
         for j in np.flatnonzero(free):

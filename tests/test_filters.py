@@ -50,9 +50,7 @@ def test_two_materials_that_differ_in_one_place_get_a_filter_there(centre):
 def test_the_order_of_the_library_and_its_sky_change_nothing():
     curves, names = THREE.emissivity, THREE.names
     sky = np.linspace(0.2, 0.9, W.size)
-    turned = MaterialLibrary(
-        ["sky", *names[::-1]], W, np.concatenate([sky[None], curves[::-1]])
-    )
+    turned = MaterialLibrary(["sky", *names[::-1]], W, np.concatenate([sky[None], curves[::-1]]))
     a, b = design_filters(THREE, 4, FEW), design_filters(turned, 4, FEW)
     np.testing.assert_array_equal(a.wavelength_um, b.wavelength_um)
     np.testing.assert_array_equal(a.fwhm_um, b.fwhm_um)

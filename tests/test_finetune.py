@@ -121,9 +121,9 @@ def test_tracing_takes_up_where_it_stopped(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        scenes.make(stop)
+        scenes.make(workers=1, progress=stop)
     kept = scenes.path(0).stat().st_mtime_ns
-    scenes.make(lambda *a: told.append(a))
+    scenes.make(progress=lambda *a: told.append(a))
     assert told == [(1, 2), (2, 2)] and scenes.path(0).stat().st_mtime_ns == kept
 
 

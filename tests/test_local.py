@@ -102,9 +102,7 @@ def test_permuting_the_library_permutes_the_answer(pixels):
     order = np.random.default_rng(3).permutation(len(pixels.library))
     shuffled = pixels.library.subset([pixels.library.names[i] for i in order])
     _, a = solve(pixels)
-    b = solve_local(
-        reduce_model(pixels.cube, shuffled, pixels.environment), pixels.cube.spectra
-    )
+    b = solve_local(reduce_model(pixels.cube, shuffled, pixels.environment), pixels.cube.spectra)
     np.testing.assert_allclose(a.energy[:, order], b.energy, rtol=1e-5, atol=1e-3)
     np.testing.assert_allclose(a.temperature_k[:, order], b.temperature_k, atol=1e-3)
 

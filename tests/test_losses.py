@@ -29,7 +29,7 @@ class Truth:
     def __init__(self, noise=0.0, sky=True, dtype=torch.float32, fwhm=0.0, **kwargs):
         world = World(fwhm=fwhm, sky=sky, **kwargs)
         n, shape = len(world.material), world.shape
-        maps = lambda a: torch.from_numpy(np.ascontiguousarray(a)).to(dtype).reshape(-1, *shape)  # noqa: E731
+        maps = lambda a: torch.from_numpy(np.ascontiguousarray(a)).to(dtype).reshape(-1, *shape)
         material = world.material.copy()
         if sky:
             material[: shape[1]] = world.library.sky_index
@@ -155,7 +155,7 @@ def test_physics_loss_leaves_out_what_is_believed_to_be_sky():
     known = flat.sample.known
     p = torch.log_softmax(same, 0)
     weight = (1 - (p.exp() * known.is_sky[:, None, None]).sum(0)).detach()
-    one = lambda y, x: eq1_loss(  # noqa: E731
+    one = lambda y, x: eq1_loss(
         Prediction(*(a[..., y : y + 1, x : x + 1] for a in flat.right._replace(log_material=p))),
         known._replace(is_sky=0 * known.is_sky), flat.sample.radiance[:, y : y + 1, x : x + 1],
     )  # fmt: skip
@@ -172,7 +172,7 @@ def test_physics_loss_leaves_out_what_is_believed_to_be_sky():
 def test_gradients_reach_temperature_lighting_and_material(loss):
     truth = Truth(noise=1.0, sky=False, dtype=torch.float64, shape=(2, 2), bands=6, materials=3)
     n = torch.Generator().manual_seed(0)
-    draw = lambda *shape: torch.randn(*shape, generator=n, dtype=torch.float64)  # noqa: E731
+    draw = lambda *shape: torch.randn(*shape, generator=n, dtype=torch.float64)
     inputs = [
         (truth.right.temperature_k + draw(2, 2)).requires_grad_(),
         draw(3, 2, 2).requires_grad_(), draw(3, 2, 2).requires_grad_(),

@@ -127,7 +127,7 @@ def test_texture_holds_the_deviation_of_the_surroundings():
     assert (tex.material == 0).float().mean() > 0.95
     ours = tex.texture.numpy().reshape(world.bands, -1).T
     flat = tex.thermal_lighting.numpy().reshape(1, -1).T @ world.environment.radiance
-    rms = lambda a: np.sqrt((a**2).mean())  # noqa: E731
+    rms = lambda a: np.sqrt((a**2).mean())
     assert rms(ours - x) < 0.5 * rms(flat - x)
 
 

@@ -56,7 +56,7 @@ def test_overhead_is_nearer_a_layered_atmosphere_than_a_law_without_saturation(a
     assert len(found) == len(AIR_EXCESS_K)
     glow = radiance(W, brightness_temperature(W, seen).max() + np.array(AIR_EXCESS_K)[:, None])
     plain = glow * (1 - (1 - seen / glow) ** ratio)
-    off = lambda s: np.sqrt((((s - true) / NOISE) ** 2).mean(axis=1)).mean()  # noqa: E731
+    off = lambda s: np.sqrt((((s - true) / NOISE) ** 2).mean(axis=1)).mean()
     assert off(found) < 0.5 * off(plain), (off(found), off(plain))
 
 

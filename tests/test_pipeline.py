@@ -134,7 +134,7 @@ def test_texture_is_nearer_the_truth_than_any_picture_people_look_at_today():
     """Sky-lit texture of a scene whose temperature pattern hides it from a thermal camera."""
     cube, truth = traced("patterned", 24, (48, 72), 32)
     d = decompose(cube, LIBRARY)
-    score = lambda picture: texture_scores(picture, truth)["correlation"]  # noqa: E731
+    score = lambda picture: texture_scores(picture, truth)["correlation"]
     pan = panchromatic(cube)
     pictures = {"panchromatic": pan, "clahe": clahe(pan)}
     pictures |= {f"pc{i + 1}": p for i, p in enumerate(principal_components(cube))}
@@ -143,7 +143,7 @@ def test_texture_is_nearer_the_truth_than_any_picture_people_look_at_today():
     ours = score(d.sky_texture)
     assert ours > 0.5
     assert ours > max(best.values()) + 0.05, (ours, best)
-    gradient = lambda picture: texture_scores(picture, truth)["gradient_correlation"]  # noqa: E731
+    gradient = lambda picture: texture_scores(picture, truth)["gradient_correlation"]
     assert gradient(d.sky_texture) > max(abs(gradient(p)) for p in pictures.values())
 
 

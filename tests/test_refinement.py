@@ -28,9 +28,7 @@ class Start:
     row (P,) or (P, C), guess (P, k); answers have their pixels first, too.
     """
 
-    def __init__(
-        self, world, row=None, guess=None, precision=1.0, spectra=None, width=1.0
-    ):
+    def __init__(self, world, row=None, guess=None, precision=1.0, spectra=None, width=1.0):
         self.world, self.known, self.width = world, world.known(), width
         self.s, self.precision = world.scaled(self.known, spectra), precision
         row = torch.as_tensor(world.material if row is None else row)
@@ -148,7 +146,7 @@ def test_determinant_is_that_of_the_moved_prior(k, precision):
     world = World(k=k, seed=k)
     known = world.known()
     ours = blocks(hypotheses(known), k, precision).determinant
-    half_log_det = lambda c: 0.5 * np.linalg.slogdet(c)[1]  # noqa: E731
+    half_log_det = lambda c: 0.5 * np.linalg.slogdet(c)[1]
     for r, one in enumerate(dense(known)):
         of_v = one.F[one.d : one.d + k]
         moved = one.C + (1 / precision - 1) * of_v.T @ of_v

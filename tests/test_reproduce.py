@@ -73,7 +73,7 @@ def test_a_flat_surface_of_one_temperature_has_no_texture(material):
 
 
 def test_relief_shows_by_day_and_hardly_in_the_thermal_picture():
-    waves = lambda xy: 0.03 * np.sin(2 * np.pi * xy[:, 0] / 0.25)  # noqa: E731
+    waves = lambda xy: 0.03 * np.sin(2 * np.pi * xy[:, 0] / 0.25)
     visible, thermal = contrasts(sheet_scene(waves))
     assert visible > 0.1
     assert visible > 50 * thermal
@@ -274,7 +274,7 @@ def tiny(monkeypatch):
     monkeypatch.setattr(ghosting, "SPP", 4)
     monkeypatch.setattr(tex_vision, "SCENES", ("forest",))
     for module in (bayer, environment_method, curves):
-        small = lambda name, seed, *_: errors.traced(name, seed, SIZE, 4)  # noqa: E731
+        small = lambda name, seed, *_: errors.traced(name, seed, SIZE, 4)
         monkeypatch.setattr(module, "traced", small)
         monkeypatch.setattr(module, "random_seeds", lambda n: [])
     monkeypatch.setattr(curves, "sizes", lambda full: (SIZE, 4, 2, 0))
@@ -309,7 +309,7 @@ def test_the_same_seed_gives_the_same_table(monkeypatch, forest, tmp_path):
 
 
 def test_another_exposure_is_the_same_scene_with_other_noise():
-    of = lambda n: common.night("patterned", size=SIZE, bands=4, spp=16, exposure=n)  # noqa: E731
+    of = lambda n: common.night("patterned", size=SIZE, bands=4, spp=16, exposure=n)
     (a, truth), (b, again) = of(0), of(1)
     assert (truth.material == again.material).mean() > 0.95
     inside = truth.material == again.material

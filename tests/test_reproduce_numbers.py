@@ -31,7 +31,7 @@ def eq4(p, temperature_k, material, lighting):
 def truth_of(p, shape):
     """A Truth, as far as `bounds` looks, of Pixels."""
     e = p.library.at(p.wavelength)[p.material].T
-    maps = lambda a: a.reshape(*a.shape[:-1], *shape)  # noqa: E731
+    maps = lambda a: a.reshape(*a.shape[:-1], *shape)
     return SimpleNamespace(
         temperature_k=maps(p.temperature), material=maps(p.material), emissivity=maps(e),
         material_names=p.library.names, texture=maps(p.texture.T),

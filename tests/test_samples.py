@@ -38,7 +38,7 @@ def record(seed=0, materials=(0, 1, 3, 5), sky=True):
     e = np.broadcast_to(GREY[:, None], (10, 100)).astype(np.float32)
     s = GREY[material] * radiance(w, t) + (1 - GREY[material]) * x.astype(float)
     s = np.where(material == 2, above, s)
-    f = lambda a: a.astype(np.float32)  # noqa: E731
+    f = lambda a: a.astype(np.float32)
     return Record(f(s), x, f(t), f(view), f(view), material.astype(np.uint8), e, NAMES, FINE, 0)
 
 

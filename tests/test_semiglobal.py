@@ -358,7 +358,7 @@ def test_temperature_is_stationary_where_neighbours_pull():
 def torch_objective(scene, objective, temperature_k, material, lighting):
     """The terms of E that depend on T and V, through Eq. 1, differentiable; C = I only."""
     model, k = objective.model, objective.model.k
-    as_tensor = lambda a: torch.as_tensor(np.array(a, dtype=np.float64))  # noqa: E731
+    as_tensor = lambda a: torch.as_tensor(np.array(a, dtype=np.float64))
     w = as_tensor(scene.cube.wavelength_um)
     e = as_tensor(scene.library.at(scene.cube.wavelength_um)[material])
     s, _ = render(temperature_k, e, lighting, as_tensor(scene.environment.radiance), w)

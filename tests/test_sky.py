@@ -1,6 +1,5 @@
 """The clear sky: its limits, its monotonicity and the magnitudes that observers report."""
 
-
 import numpy as np
 import pytest
 

@@ -179,7 +179,7 @@ def test_the_answer_is_that_of_right_wavelengths():
     assert right.spectral_shift_um == 0
     assert answer.spectral_shift_um == pytest.approx(0.23, abs=0.02)
     np.testing.assert_array_equal(answer.wavelength_um, wrong.wavelength_um)
-    off = lambda d: np.median(np.abs(d.temperature_k - right.temperature_k))  # noqa: E731
+    off = lambda d: np.median(np.abs(d.temperature_k - right.temperature_k))
     # wavelengths that are two steps of the search off are left as they are
     two_steps = decompose(stated(cube, 2 * STEP_UM), method="local", k=3)
     assert two_steps.spectral_shift_um == 0 and off(answer) < off(two_steps)

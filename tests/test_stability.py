@@ -101,6 +101,7 @@ def test_amplification_of_the_exact_solver_is_near_one(library):
 def test_what_is_said_of_a_missing_material(library, monkeypatch):
     """Every pixel unknown covers all, at the cost of every right pixel elsewhere; none unknown and
     no sigma covers nothing, at no cost."""
+
     def said(unknown, sigma):
         def answer(case, method, model):
             t = case.truth

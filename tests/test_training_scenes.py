@@ -76,7 +76,7 @@ def test_equation_1_holds_in_pixels_of_one_material(made):
         pure = (near == r.material[..., None, None]).all((2, 3))
         pure &= r.material != r.names.index(SKY)
         own, lit = e * radiance(w, r.temperature_k), (1 - e) * r.texture.astype(float)
-        error = lambda s: np.abs(r.radiance - s)[:, pure] / noise_sigma(w, 0.05)[:, 0]  # noqa: B023, E731
+        error = lambda s: np.abs(r.radiance - s)[:, pure] / noise_sigma(w, 0.05)[:, 0]  # noqa: B023
         # What is left: X in half precision (up to half of this noise) and warm and cold, or
         # a little of something else, in one pixel.
         assert pure.any() and np.median(error(own + lit)) < 1
@@ -194,9 +194,9 @@ def test_a_made_set_is_not_made_again(made):
 
 
 def test_the_folder_says_what_made_it(tmp_path, monkeypatch):
-    folder = lambda **change: SceneSet(  # noqa: E731
-        tmp_path, "test", 1, dataclasses.replace(TINY, **change)
-    ).folder
+    folder = lambda **change: (
+        SceneSet(tmp_path, "test", 1, dataclasses.replace(TINY, **change)).folder
+    )
     folders = {folder(), folder(size=25), folder(spp=17), folder(bands=49)}
     assert len(folders) == 4 and folder() in folders
     assert SceneSet(tmp_path, "train", 9, TINY).folder == folder()

@@ -237,7 +237,7 @@ def test_names_that_the_library_lacks_are_no_errors_of_the_answer(drawn):
 def test_a_room_has_no_texture_correlation(drawn):
     truth = made_up.truth()
     cube, d = made_up.cube(truth), made_up.perfect(truth)
-    count = lambda t: sum(  # noqa: E731
+    count = lambda t: sum(
         "correlation" in title
         for title in titles(drawn(texnet.figures.comparison_figure, d, cube, t))
     )

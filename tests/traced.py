@@ -25,7 +25,7 @@ def traced(name, bands=24, size=(48, 72), spp=16):
 def averaged(cube, bands):
     """The cube of a camera with fewer, wider bands: each the mean of neighbours of this one."""
     group = cube.bands // bands
-    mean = lambda a: a[: bands * group].reshape(bands, group, *a.shape[1:]).mean(axis=1)  # noqa: E731
+    mean = lambda a: a[: bands * group].reshape(bands, group, *a.shape[1:]).mean(axis=1)
     return HeatCube(
         mean(cube.radiance), mean(cube.wavelength_um), group * mean(cube.fwhm_um),
         cube.netd_k / np.sqrt(group),

@@ -76,7 +76,7 @@ def baseline_correlations(cube, truth):
     where the truth has no such texture, as in a room.
     """
     raw = panchromatic(cube)
-    score = lambda picture: abs(texture_correlation(picture, truth))  # noqa: E731
+    score = lambda picture: abs(texture_correlation(picture, truth))
     return {
         "panchromatic": score(raw),
         "clahe": score(clahe(raw)),

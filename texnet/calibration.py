@@ -14,7 +14,8 @@ fits, because what is wrong is so in many bands and pixels alike and misleads mo
 T, to which all bands add up, may be off at once by DOUBT times as much.
 
 Where no sky is in view, all this is looked at without a sky, and whether pixels are likelier with
-one that is assumed (`under_a_sky`) before it is looked at with that.
+one that is assumed (`under_a_sky`) before it is looked at with that. Where the environment is given
+nothing is asked of the camera, but of that, whether it is off (`surroundings_error`).
 
 The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
 cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,
@@ -52,6 +53,9 @@ MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 DOUBT = 1.5  # times that, by which T is misled, in all pixels of a material alike
 MIRROR, LEAST_MATERIALS = 0.3, 2  # of mean emissivity less; to choose from
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
+# K that are tried, and nats per pixel: surroundings that were right to 1 K were worth 0.05 at most,
+# 10 K off 0.1 and more, and 30 K off 0.9 and more
+ERRORS_K, ERROR_WORTH = (3.0, 10.0, 30.0), 0.15
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
 
@@ -109,6 +113,22 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
         for of, c in ((environment, found), (under_sky, RIGHT))
     }).values()  # fmt: skip
     return without - under >= SKY_WORTH
+
+
+def surroundings_error(cube, environment, look, library, left_out=None):
+    """K by which the Environment of a HeatCube, which was taken elsewhere or at another time, is
+    likely off: with which of ERRORS_K as its `off_by` the pixels are likeliest, 0 if not by
+    ERROR_WORTH; other arguments as of `calibration`."""
+    part = _sample(cube, left_out)
+    if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
+        return 0.0
+    alike = {}
+    loss = losses({
+        kelvin: _Scene(part, environment.off_by(kelvin), library, look).nats(RIGHT, alike)
+        for kelvin in (0.0, *ERRORS_K)
+    })  # fmt: skip
+    likeliest = min(loss, key=loss.get)
+    return likeliest if loss[0.0] - loss[likeliest] >= ERROR_WORTH else 0.0
 
 
 class _Scene(NamedTuple):

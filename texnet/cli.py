@@ -140,12 +140,13 @@ def _parser():
     for name in ("--rows", "--columns"):
         p.add_argument(
             name, metavar="FROM:TO", type=_slice,
-            help=f"these {name[2:]} alone, counted from 0, TO itself left out; either end may be "
-            "missing",
+            help=f"keep these {name[2:]}, counted from 0, TO excluded; either end may be missing",
         )  # fmt: skip
     p.add_argument(
-        "--range", metavar="LOW:HIGH", type=_low_high,
-        help="the bands alone whose centres lie in it, um",
+        "--range",
+        metavar="LOW:HIGH",
+        type=_low_high,
+        help="keep the bands with centres in it, um",
     )
 
     p = add(of_texnet, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
@@ -156,7 +157,7 @@ def _parser():
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
         "--bands", metavar="N|FILE", type=_bands, default=54,
-        help="how many, side by side, or a .json file as of bands, default: 54",
+        help="how many adjoining bands, or a .json file from texnet bands, default: 54",
     )  # fmt: skip
     p.add_argument(
         "--size", metavar="HxW", type=_size, default=(256, 384), help="pixels, default: 256x384"
@@ -171,7 +172,7 @@ def _parser():
     )  # fmt: skip
     p.add_argument(
         "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
-        help="of the scene, where it is drawn, of its light paths and of the noise, default: 0",
+        help="of light paths, noise and, where it is random, the scene, default: 0",
     )  # fmt: skip
 
     text = "which N filters tell materials and temperatures best"
@@ -191,11 +192,13 @@ def _parser():
     )  # fmt: skip
     p.add_argument(
         "--budget", metavar="S", type=_seconds,
-        help="take the most accurate method that needs at most S seconds per megapixel here",
+        help="take the most accurate method that needs at most S seconds per megapixel on this "
+        "machine",
     )  # fmt: skip
     p.add_argument(
         "--compare", action="store_true",
-        help="draw it beside CLAHE and principal components, as is done where a truth is known",
+        help="write comparison.png, TeX vision beside CLAHE and principal components, even where "
+        "no truth is known",
     )  # fmt: skip
     p.add_argument(
         "--model", metavar="FILE", type=Path,
@@ -204,8 +207,8 @@ def _parser():
     add_device(p)
     p.add_argument(
         "--calibration-error", metavar="K", type=_kelvin, default=0.0,
-        help="by which all radiance may be off together, in offset or gain, as the camera's maker "
-        "states it, K at 300 K; sigma of T then holds it; default: 0",
+        help="uncertainty of all radiance together, in offset or gain, as the camera's maker "
+        "states it, K at 300 K; sigma of T includes it; default: 0",
     )  # fmt: skip
     p.add_argument(
         "--k", metavar="N", type=_count, default=K,
@@ -256,14 +259,14 @@ def _parser():
 
     p = of_texnet.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    text = "speed beside the peers and the limits; twelve minutes"
+    text = "speed beside the peers and the limits; up to twelve minutes"
     p = add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
 
     text = "where methods fail, and whether they say so; an hour"
     p = add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
-    text = "accuracy against time beside the peers; 17 minutes"
+    text = "accuracy against time beside the peers; up to 17 minutes"
     p = add(actions, "chart", commands.bench_chart, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
@@ -279,7 +282,7 @@ def _parser():
     )
     p.add_argument("--full", action="store_true", help="more pixels and scenes; minutes to hours")
 
-    p = of_texnet.add_parser("library", help="the starter library of materials")
+    p = of_texnet.add_parser("library", help="list, import or make libraries of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     of = "another library than the one that ships"
     p = add(actions, "list", commands.library_list, "name every material")
@@ -309,7 +312,7 @@ def _parser():
         "--add-sky", action="store_true", help="take the starter library's sky, if it has none"
     )
 
-    text = "a library from a cube with sky in view alone"
+    text = "make a library from nothing but a cube with sky in view"
     p = add(actions, "from-cube", commands.library_from_cube, text)
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz, 20 bands or more")
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")

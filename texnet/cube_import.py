@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
-from physics.array_file import BROKEN_NPY, BROKEN_NPZ
+from physics.array_file import BROKEN_NPY
 from physics.errors import InputError
 
-from .cube_io import read_cube, unpacked
+from .cube_io import read_cube, some_arrays, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
@@ -155,12 +155,7 @@ def _read_mat(path):
 
 
 def _read_npz(path):
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            held = data.files
-            arrays = {key: data[key] for key in (*WAVELENGTH, *GOOD_BANDS) if key in held}
-    except BROKEN_NPZ as e:
-        raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+    held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS))
     if OURS <= set(held) and not set(held).isdisjoint(ONLY_OURS):
         return _read_ours(path)
     return _tex1500(path, held, arrays, lambda key: unpacked(path, key))

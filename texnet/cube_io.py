@@ -124,13 +124,7 @@ def _format(path):
 
 
 def _read_npz(path):
-    try:
-        # Opened here, because np.load leaks the file if it is no whole zip.
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            held = data.files
-            arrays = {key: data[key] for key in BESIDE_RADIANCE if key in held}
-    except BROKEN_NPZ as e:
-        raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+    held, arrays = some_arrays(path, BESIDE_RADIANCE)
     missing = {"radiance", "wavelength_um"} - set(held)
     if missing:
         raise InputError(
@@ -147,6 +141,16 @@ def _read_npz(path):
         raise InputError(f"cube: netd_k in {path} must be one number, got shape {netd.shape}.")
     netd = netd.item()
     return HeatCube(unpacked(path, "radiance"), **arrays, netd_k=None if np.isnan(netd) else netd)
+
+
+def some_arrays(path, keys):
+    """The names of all arrays in an npz, and those of these keys that are there -> list, dict."""
+    try:
+        # Opened here, because np.load leaks the file if it is no whole zip.
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            return data.files, {key: data[key] for key in keys if key in data.files}
+    except BROKEN_NPZ as e:
+        raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
 
 
 def unpacked(path, key):

@@ -37,7 +37,7 @@ AXES = {
         "wavenumber", "wavenumbers", "cm-1", "cm^-1", "1/cm", "wavenumber (cm-1)",
         "wavenumber (cm^-1)",
     ),
-}
+}  # fmt: skip
 # bands of thermal cameras, which no two units share
 THERMAL = {"um": (5.0, 20.0), "nm": (5e3, 2e4), "cm-1": (500.0, 2000.0)}
 BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc", ".sli")  # suffixes

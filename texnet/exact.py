@@ -111,7 +111,7 @@ def _maps(radiance, library, environment, model, local, answer, trust, threads):
     known = fits(residual, bands)
     least = max(OWN_PROBABILITY, min(EVEN / len(library), LIKELY))
     known &= (probability[p, state.material] >= LIKELY) & (own >= least) & (t > 0)
-    maps = lambda a, dtype=np.float32: np.ascontiguousarray(  # noqa: E731
+    maps = lambda a, dtype=np.float32: np.ascontiguousarray(
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )
     return {

@@ -98,9 +98,7 @@ class TeXModel(nn.Module):
         own, t, lighting, air, log_evidence, log_pure, log_mixed = by_chunks(
             see, (spectra, expected), chunks(SEEN)
         )
-        net = self.network.look_around(
-            known, code, own, log_evidence, expected, t, lighting, shape
-        )
+        net = self.network.look_around(known, code, own, log_evidence, expected, t, lighting, shape)
         net = tuple(a.flatten(-2) for a in net)
         seen = (spectra, air, log_evidence, log_pure, log_mixed, *net)
         if inner is not None:
@@ -154,7 +152,7 @@ def _answer(
     v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
     weight = torch.softmax(solid, dim=0)
     doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
-    of_m = lambda a: a.gather(0, material[None])[0]  # noqa: E731
+    of_m = lambda a: a.gather(0, material[None])[0]
     variance = torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
     temperature = known.prior_k[0] + known.prior_k[1] * t
     temperature = torch.where(empty, air, temperature)
@@ -194,7 +192,7 @@ def _cut(arrays, shape, inner):
         torch._check(n >= 0)
     torch._check(top + height <= shape[0])
     torch._check(left + width <= shape[1])
-    cut = lambda a: a.unflatten(-1, shape).narrow(-2, top, height).narrow(-1, left, width)  # noqa: E731
+    cut = lambda a: a.unflatten(-1, shape).narrow(-2, top, height).narrow(-1, left, width)
     return tuple(cut(a).flatten(-2) for a in arrays), (height, width)
 
 

@@ -230,7 +230,7 @@ class TeXNet(nn.Module):
         temperature = (t + out[n + 2]).clamp(min=COLDEST_K)
         share = _softplus(out[n + 1] + ONE)
         lighting = share * torch.log(lighting + 0.03) + code.light @ out[CODE:n]
-        maps = lambda a: a.reshape(*a.shape[:-1], height, width)  # noqa: E731
+        maps = lambda a: a.reshape(*a.shape[:-1], height, width)
         return Prediction(
             log_material=maps(log_material), trust=maps(trust), temperature_k=maps(temperature),
             log_lighting=maps(torch.log_softmax(lighting, 0)),

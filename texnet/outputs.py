@@ -6,6 +6,8 @@
     comparison.png     TeX vision beside what people look at today, if wanted
     maps.exr           T (K), sigmaT (K), material (index), unknown and dead (0, 1), residual
                        (noise units), skyTexture (W m-2 sr-1 um-1), V.0 ... V.<k-1>; float32
+
+docs/files.md says more of each.
 """
 
 import os

@@ -29,7 +29,7 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
 
 from . import glance
-from .calibration import calibration, under_a_sky
+from .calibration import calibration, surroundings_error, under_a_sky
 from .correction import RIGHT, corrected
 from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_error
 from .progress import compiling
@@ -71,6 +71,8 @@ class Decomposition:
                           corrected: the maps are of (S - offset) / (gain band_gains), the offset
                           being so many K at 300 K
     calibration_error_k   as it was stated, K at 300 K
+    environment_error_k   K by which an environment that was given is likely off, and which T and
+                          its sigma take into account; 0 where it fits
     left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
                           library where they were found to lie
     hue_deg               (materials,) TeX-vision hues
@@ -105,6 +107,7 @@ class Decomposition:
     band_gains: np.ndarray | float = 1.0
     offset_k: float = 0.0
     calibration_error_k: float = 0.0
+    environment_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
     seconds: dict = field(default_factory=dict)
@@ -140,8 +143,8 @@ def decompose(
                  where its pixels differ less; or
                  "auto": as many as the scene supports (`physics.support`)
     environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
-                 the wavelengths, and no gain or offset is looked for; if it may be some kelvin off,
-                 say so: environment.off_by(kelvin)
+                 the wavelengths, and no gain or offset is looked for, but whether it is kelvins off
+                 (not for net); if that is known, say so: environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
@@ -180,7 +183,7 @@ def decompose(
         lap("k")
     dead, beyond = cube.dead, saturated(cube)
     untold = dead | beyond
-    given, shown, assumed = environment, RIGHT, False
+    given, shown, assumed, error_k = environment, RIGHT, False, 0.0
     estimate = partial(estimate_environment, library=library, k=k, seed=seed)
     environment = environment or estimate(cube)
     lap("environment")
@@ -193,11 +196,15 @@ def decompose(
         look, run = _by_network(library, model, report("network"))
     else:
         look, run = _exactly(library, method == "sgd", report, lap)
-    if given is None and method != "net":
+    if method != "net":
         with compiling(None if nets else progress):
-            shown, assumed, environment = _calibration_or_sky(
-                cube, environment, estimate, look, library, untold
-            )
+            if given is not None:
+                error_k = surroundings_error(cube, environment, look, library, untold)
+                environment = environment.off_by(error_k)
+            else:
+                shown, assumed, environment = _calibration_or_sky(
+                    cube, environment, estimate, look, library, untold
+                )
         if shown != RIGHT:
             cube = corrected(cube, shown)
             environment = estimate(cube, assume_sky=assumed)
@@ -217,7 +224,8 @@ def decompose(
         sky_assumed=assumed,
         wavelength_um=stated, hue_deg=library.hue_deg,
         netd_k=cube.netd_k, noise_raised=floor * shown.noise,
-        spectral_shift_um=shift, calibration_error_k=float(calibration_error_k), left_out=left_out,
+        spectral_shift_um=shift, calibration_error_k=float(calibration_error_k),
+        environment_error_k=error_k, left_out=left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
 
@@ -302,7 +310,7 @@ def _exactly(library, smooth, report, lap):
         there = library.subset([library.names[i] for i in seen])
         return solve(part, there, environment, regions, smooth, report, lap)
 
-    quiet = lambda _: None  # noqa: E731
+    quiet = lambda _: None
     return partial(answer, False, quiet, quiet), partial(answer, smooth, report, lap)
 
 

@@ -261,7 +261,9 @@ def _uneven(s, w):
     if not s.size:
         return ""
     differ = np.quantile(brightness_temperature(w[:, None], s).std(axis=0), EVENEST)
-    return "" if differ <= UNEVEN_K else (
+    if differ <= UNEVEN_K:
+        return ""
+    return (
         f"\nWarning: even in the pixels where they differ least, bands differ by {differ:.0f} K in "
         "brightness temperature, as in pictures of metal or the sky alone; are the order of axes "
         "and bands (for .npy: bands first), interleave, byte order and unit right?"

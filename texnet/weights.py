@@ -25,7 +25,7 @@ def load_network(path):
         with safe_open(path, "pt") as file:
             about = file.metadata() or {}
             network = TeXNet(**json.loads(about["config"]))
-            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})
             history = json.loads(about["history"])
     except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as e:
         reason = "it is not a safetensors file that texnet wrote"

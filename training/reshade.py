@@ -24,7 +24,7 @@ TURNS = 8  # other materials for each scene, before they repeat
 MIN_BANDS = 8  # half a micrometre
 
 
-class ReshadedSet:
+class ReshadedSet(SceneSet):
     """The first `count` scenes of a split made of a library's materials; TURNS times as many
     Records.
 
@@ -38,11 +38,10 @@ class ReshadedSet:
     """
 
     def __init__(self, folder, split, count, library, seed=0, settings=Settings()):  # noqa: B008 (it is frozen)
-        like = SceneSet(folder, split, count, settings)
+        super().__init__(folder, split, count, settings)
         # the same hash: the same scenes
-        self.folder = like.folder.with_name(f"{like.folder.name}-traced-{TRACED_WITH}")
-        self.split, self.count, self.seed, self.settings = split, count, seed, settings
-        self.library = with_sky(library)
+        self.folder = self.folder.with_name(f"{self.folder.name}-traced-{TRACED_WITH}")
+        self.library, self.seed = with_sky(library), seed
         if len(self.library) < 2:
             raise InputError("library: it holds no material but the sky.")
         w, width = equidistant_bands(settings.bands)
@@ -78,37 +77,24 @@ class ReshadedSet:
         materials = dict(zip(traced.materials, solid, strict=True))
         return traced.shade(self.library, wavelength_um, fwhm_um, netd_k, materials)
 
-    def path(self, scene):
-        """The file of a traced scene."""
-        return self.folder / f"{self.split}-{scene:04d}.npz"
+    def render(self, i):
+        """Trace scene i -> TracedScene."""
+        return of_seed(self._trace, self.split, i)
 
-    def make(self, progress=None):
-        """Trace the scenes that are missing; may be interrupted, what is done is kept.
+    def _trace(self, seed):
+        starter = MaterialLibrary.starter()
+        grey = MaterialLibrary(
+            starter.names, starter.wavelength_um, np.full_like(starter.emissivity, TRACED_WITH)
+        )
+        size = (self.settings.size,) * 2
+        return trace_scene(random_scene(seed), size, self.settings.spp, seed, grey)
 
-        progress  called as progress(done, total) at first and after each scene
-
-        Raises InputError where the folder cannot be written.
-        """
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as e:
-            raise InputError(f"scenes: cannot make the folder {self.folder}: {e.strerror}.") from e
-        missing = [i for i in range(self.count) if not self.path(i).exists()]
-        for done in range(self.count - len(missing), self.count + 1):
-            if progress is not None:
-                progress(done, self.count)
-            if missing:
-                i = missing.pop(0)
-                trace(self.settings, self.split, i).save(self.path(i))
-
-
-def trace(settings, split, i):
-    """Trace scene i of a split -> TracedScene."""
-    starter = MaterialLibrary.starter()
-    grey = MaterialLibrary(
-        starter.names, starter.wavelength_um, np.full_like(starter.emissivity, TRACED_WITH)
-    )
-    size = (settings.size,) * 2
-    return of_seed(
-        lambda seed: trace_scene(random_scene(seed), size, settings.spp, seed, grey), split, i
-    )
+    def in_words(self):
+        """What the folder holds, for people: a dict of plain values."""
+        return {
+            "what": "light paths of simulated scenes, traced by training/reshade.py",
+            "size": self.settings.size,
+            "spp": self.settings.spp,
+            "traced_with_emissivity": TRACED_WITH,
+            "first_seed": BASE_SEED,
+        }

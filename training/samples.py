@@ -88,7 +88,7 @@ def draw(record, rng, side=None) -> Sample:
         afar = from_afar(cube, step)
         known = Known.of(known_arrays(afar, library, environment))
         glance = Glance(known, torch.from_numpy(afar.radiance.copy()), step, top, left, turn < 0)
-    of = lambda a: torch.from_numpy(  # noqa: E731
+    of = lambda a: torch.from_numpy(
         np.array(a[..., top : top + side, left : left + side][..., ::turn])
     )
     return Sample(

@@ -116,7 +116,7 @@ class SceneSet:
     Raises InputError where these are not that.
     """
 
-    def __init__(self, folder, split, count, settings=Settings()):  # noqa: B008 (it is frozen)
+    def __init__(self, folder, split, count, settings=Settings()):
         if split not in BASE_SEED:
             raise InputError(f"scenes: no split {split!r}; choose from {', '.join(BASE_SEED)}.")
         if not 1 <= count <= MAX_SCENES:
@@ -134,6 +134,10 @@ class SceneSet:
     def path(self, i):
         """The file of scene i."""
         return self.folder / f"{self.split}-{i:04d}.npz"
+
+    def render(self, i):
+        """What the file of scene i holds; it has a `save(path)`."""
+        return make_record(self.settings, self.split, i)
 
     def make(self, workers=None, progress=None):
         """Render the scenes that are missing.
@@ -154,11 +158,22 @@ class SceneSet:
         except OSError as e:
             raise InputError(f"scenes: cannot make the folder {self.folder}: {e.strerror}.") from e
         with whole_file(self.folder / "made.json") as part:
-            part.write_text(json.dumps(_in_words(self.settings), indent=2), encoding="utf-8")
-        jobs = [(self.settings, self.split, i, self.path(i)) for i in missing]
-        for done, _ in enumerate(_in_processes(jobs, workers or cores()), 1):
+            part.write_text(json.dumps(self.in_words(), indent=2), encoding="utf-8")
+        for done, _ in enumerate(_in_processes(self, missing, workers or cores()), 1):
             if progress is not None:
                 progress(self.count - len(missing) + done, self.count)
+
+    def in_words(self):
+        """What the folder holds, for people: a dict of plain values."""
+        bands = self.settings.bands
+        return {
+            "what": "simulated scenes, rendered by training/scenes.py; see its Record",
+            **asdict(self.settings),
+            "wavelengths": f"{bands} box bands side by side over 8-14 um",
+            "library": "the starter library in half of the scenes, varied in the others",
+            "first_seed": BASE_SEED,
+            "noise": "none",
+        }
 
 
 def make_record(settings, split, i):
@@ -198,46 +213,35 @@ def _render(settings, seed):
     )  # fmt: skip
 
 
-def _in_words(settings):
-    return {
-        "what": "simulated scenes, rendered by training/scenes.py; see its Record",
-        **asdict(settings),
-        "wavelengths": f"{settings.bands} box bands side by side over 8-14 um",
-        "library": "the starter library in half of the scenes, varied in the others",
-        "first_seed": BASE_SEED,
-        "noise": "none",
-    }
-
-
 def _hash(settings):
     """Of all that makes a scene: settings, the simulator and this package's part."""
     return provenance([asdict(settings), BASE_SEED], SOURCES)
 
 
-def _in_processes(jobs, workers):
-    """Work off jobs (settings, split, i, path) in processes; yield after each.
+def _in_processes(scenes, missing, workers):
+    """Render the missing ones of a SceneSet in processes; yield after each.
 
     Processes, because building meshes is serial Python; spawned, because a fork of a
     process with threads may hang. No worker outlives this generator or its process.
     """
-    context, todo, free = multiprocessing.get_context("spawn"), iter(jobs), {}
+    context, todo, free = multiprocessing.get_context("spawn"), iter(missing), {}
     resource_tracker.ensure_running()  # its start would unblock what is blocked below
     try:
         # Ctrl-C reaches the whole process group; here it is answered, by the workers not.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            for _ in range(min(workers, len(jobs))):
+            for _ in range(min(workers, len(missing))):
                 pipe, theirs = context.Pipe()
-                process = context.Process(target=_work, args=(theirs,), daemon=True)
+                process = context.Process(target=_work, args=(scenes, theirs), daemon=True)
                 process.start()
                 theirs.close()  # so that their end closes when they end
                 free[pipe] = process
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         busy = {}
-        for pipe, job in zip(free, todo, strict=False):
-            pipe.send(job)
-            busy[pipe] = job
+        for pipe, i in zip(free, todo, strict=False):
+            pipe.send(i)
+            busy[pipe] = i
         while busy:
             for pipe in wait(list(busy)):
                 del busy[pipe]
@@ -247,10 +251,10 @@ def _in_processes(jobs, workers):
                     raise InputError("scenes: a worker died; is there enough memory?") from e
                 if error is not None:
                     raise error
-                job = next(todo, None)
-                if job is not None:
-                    pipe.send(job)
-                    busy[pipe] = job
+                i = next(todo, None)
+                if i is not None:
+                    pipe.send(i)
+                    busy[pipe] = i
                 yield
     finally:
         for pipe, process in free.items():
@@ -260,15 +264,16 @@ def _in_processes(jobs, workers):
             process.join()
 
 
-def _work(pipe):
-    """A worker: jobs come in, None or an exception goes out, until the other end closes."""
+def _work(scenes, pipe):
+    """A worker: numbers of scenes come in, None or an exception goes out, until the other end
+    closes."""
     # Exits by exception, which takes an unfinished file away.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     with suppress(EOFError, ConnectionError):
         while True:
-            settings, split, i, path = pipe.recv()
+            i = pipe.recv()
             try:
-                make_record(settings, split, i).save(path)
+                scenes.render(i).save(scenes.path(i))
             except Exception as error:
                 pipe.send(error)
             else:

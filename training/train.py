@@ -173,8 +173,12 @@ class Training(lightning.LightningModule):
         entropy = cross_entropy(prediction, sample)
         error = (prediction.temperature_k - sample.temperature_k)[sample.ground]
         rmse = (error**2).mean().sqrt() if len(error) else torch.tensor(0.0)
-        return {"accuracy": right, "cross_entropy": entropy, "temperature_rmse_k": rmse,
-                "supervised": supervised_loss(prediction, sample)}
+        return {
+            "accuracy": right,
+            "cross_entropy": entropy,
+            "temperature_rmse_k": rmse,
+            "supervised": supervised_loss(prediction, sample),
+        }
 
     def configure_optimizers(self):
         optimiser = torch.optim.AdamW(self.parameters(), self.learning_rate, weight_decay=1e-3)

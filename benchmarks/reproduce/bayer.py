@@ -85,7 +85,7 @@ def _at(answer, truth):
     """The answer at the truth's resolution: cells repeated for their pixels."""
     if answer.material.shape == truth.material.shape:
         return answer
-    fine = lambda a: a.repeat(2, axis=-2).repeat(2, axis=-1)  # noqa: E731
+    fine = lambda a: a.repeat(2, axis=-2).repeat(2, axis=-1)
     return replace(answer, **{name: fine(getattr(answer, name)) for name in PER_PIXEL})
 
 

@@ -56,9 +56,7 @@ def steps(cube, truth, answer, library):
     sky = list(answer.sky)
     own = [j for j in range(len(answer.environment)) if j not in sky]
     strength = answer.environment.mean(axis=1)
-    of = lambda objects: np.tensordot(  # noqa: E731
-        strength[objects], answer.thermal_lighting[objects], axes=1
-    )
+    of = lambda objects: np.tensordot(strength[objects], answer.thermal_lighting[objects], axes=1)
     x = truth.texture.mean(axis=0)
     return {
         "X~": (of(sky) + of(own), x),
@@ -73,7 +71,7 @@ def _residuals(cube, truth, answer, library):
     """(2, pixels) delta of the answer, and of the truth with V fitted to its X."""
     sigma = noise_sigma(cube.wavelength_um, answer.netd_k)
     curves = library.at(cube.wavelength_um)
-    by_pixel = lambda a: a.reshape(*a.shape[: a.ndim - 2], -1).T  # noqa: E731
+    by_pixel = lambda a: a.reshape(*a.shape[: a.ndim - 2], -1).T
     t, v = by_pixel(answer.temperature_k), by_pixel(answer.thermal_lighting)
     true_t, true_e, true_x = map(by_pixel, (truth.temperature_k, truth.emissivity, truth.texture))
     delta = np.empty((2, len(t)))

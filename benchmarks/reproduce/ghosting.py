@@ -98,7 +98,7 @@ def expose(scene, size, spp, seed, progress=None):
         scene, wavelength_um=w, fwhm_um=fwhm, size=size, spp=spp, netd_k=0, seed=seed,
         progress=progress,
     )  # fmt: skip
-    over_bands = lambda a: (a * fwhm[:, None, None]).sum(axis=0, dtype=float)  # noqa: E731
+    over_bands = lambda a: (a * fwhm[:, None, None]).sum(axis=0, dtype=float)
     thermal, visible = over_bands(cube.radiance), truth.visible @ LUMINANCE
     sigma = noise_sigma(w, common.NETD_K) @ fwhm
     scattering = over_bands((1 - truth.emissivity) * truth.texture).mean()
@@ -179,7 +179,7 @@ def _draw(rows, pictures, path):
 
 def _draw_spectra(fig):
     w = np.geomspace(0.25, 40, 600)
-    shape = lambda t: radiance(w, t) / radiance(w, t).max()  # noqa: E731
+    shape = lambda t: radiance(w, t) / radiance(w, t).max()
     fig.suptitle("(a) light in the picture, each curve over its largest value", fontsize=11)
     axes = fig.subplots(1, 2, sharex=True, sharey=True)
     for ax, title, scattered, light, own_k, response in (

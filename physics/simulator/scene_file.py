@@ -1,24 +1,6 @@
 """A scene from a JSON file: meshes by path or simple shapes, each with material and heat.
 
-    {"camera": {"position": [x, y, z], "target": [x, y, z], "fov_deg": 40},
-     "atmosphere": {"air_temperature_k": 288, "water_cm": 1.4, ...},   or null: a closed room
-     "sun_direction": [x, y, z],
-     "objects": [{"name": "rock", "mesh": "rock.obj", "material": "granite",
-                  "translate": [x, y, z], "scale": 1, "rotate_z_deg": 0, "smooth": true,
-                  "mirror": 0, "temperature_k": 290}]}
-
-camera.position, camera.target, and mesh, material and temperature_k of objects are
-required; without "atmosphere" there is none. An object is scaled, then turned about z,
-then moved. "smooth" (see SceneObject) is true unless given for files and spheres, false
-for the other shapes; "mirror" is the share of the reflected light that leaves as from a mirror.
-
-mesh           path of an OBJ, PLY or STL file, relative to the scene file; or one of
-               {"shape": "box", "size": [x, y, z]}, {"shape": "sphere", "radius": r},
-               {"shape": "plane", "size": [x, y]}, {"shape": "cylinder", "radius": r,
-               "height": h}, in m, about the origin (the cylinder along z)
-temperature_k  K: a number; one for each vertex; or {"mean_k": 290, "gradient_k_per_m":
-               [x, y, z], "variation_k": 2, "scale_m": 1, "seed": 0}: a mean at the centre
-               of its vertices, a gradient, and smooth noise of that amplitude and scale
+docs/files.md describes all its keys.
 """
 
 import json
@@ -171,7 +153,7 @@ def _temperature(data, mesh, label):
         return _numbers(data, len(mesh.vertices) if isinstance(data, list) else None, what)
     optional = ("gradient_k_per_m", "variation_k", "scale_m", "seed")
     _keys(data, f"{label} temperature_k", ("mean_k",), optional)
-    number = lambda key, default: _numbers(data.get(key, default), None, f"{label} {key}")  # noqa: E731
+    number = lambda key, default: _numbers(data.get(key, default), None, f"{label} {key}")
     gradient = _numbers(data.get("gradient_k_per_m", [0, 0, 0]), 3, f"{label} gradient_k_per_m")
     scale_m, seed = number("scale_m", 1.0), number("seed", 0)
     if scale_m <= 0 or seed < 0 or seed != int(seed):

@@ -59,9 +59,7 @@ class TracedScene:
     atmosphere: Atmosphere | None
     blocks: Sequence[Paths]
 
-    def shade(
-        self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, progress=None
-    ):
+    def shade(self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, progress=None):
         """Shade the paths -> (HeatCube, Truth), in terms of `library`.
 
         library        MaterialLibrary, any
@@ -143,7 +141,7 @@ class TracedScene:
 
     def save(self, path):
         """Write a compressed npz, whole or not at all; about 9 bytes per path."""
-        join = lambda key: np.concatenate([getattr(b, key) for b in self.blocks])  # noqa: E731
+        join = lambda key: np.concatenate([getattr(b, key) for b in self.blocks])
         vertices = np.concatenate([np.diff(b.start) for b in self.blocks])
         of_heat = np.concatenate([b.end - b.start[:-1] for b in self.blocks])
         material, sky = join("material"), len(self.materials)

@@ -43,7 +43,7 @@ def _height(seed):
 def forest(seed=0):
     """The forest Scene of this seed, 0.4-0.5 million triangles."""
     rng = np.random.default_rng([seed, 101])
-    number = lambda: int(rng.integers(2**31))  # noqa: E731
+    number = lambda: int(rng.integers(2**31))
     height = _height(number())
     objects = []
 

@@ -38,12 +38,10 @@ def patches(seed=0, fineness=1):
               are 2 to 3 cm apart where the camera looks; close by, facets show in shadows
     """
     rng = np.random.default_rng([seed, 303])
-    number = lambda: int(rng.integers(2**31))  # noqa: E731
+    number = lambda: int(rng.integers(2**31))
     # Lines across and along get coarser with distance as they do in the picture.
     near = 1.2 * 1.0125 ** (np.arange(170 * fineness) / fineness)
-    y = np.concatenate(
-        [[-300, -60, -10, -2, 0.4], near, np.geomspace(10.2, 300, 45)]
-    )
+    y = np.concatenate([[-300, -60, -10, -2, 0.4], near, np.geomspace(10.2, 300, 45)])
     outer = BORDER_M + np.concatenate(
         [np.arange(0, 3.2, 0.03 / fineness), np.geomspace(3.2, 300, 60)]
     )

@@ -30,7 +30,7 @@ def _rosette(v):
 def patterned(seed=0):
     """The patterned Scene of this seed, about 0.4 million triangles."""
     rng = np.random.default_rng([seed, 404])
-    number = lambda: int(rng.integers(2**31))  # noqa: E731
+    number = lambda: int(rng.integers(2**31))
     objects = []
     ground_seed = number()
 
@@ -73,7 +73,7 @@ def patterned(seed=0):
         "carved panel",
     )
 
-    flat = lambda v: 0 * v[:, 0]  # noqa: E731
+    flat = lambda v: 0 * v[:, 0]
     core = g.place(g.slab((3.2, 0.35, 2.46), 0.05, flat), (0, 0.175, 0))
     coping = g.place(g.slab((3.4, 0.5, 0.14), 0.05, flat), (0, 0.175, 2.46))
     bricks = props.brick_courses(

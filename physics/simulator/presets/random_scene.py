@@ -240,7 +240,7 @@ def random_scene(seed=0):
     if indoors:
         width, depth, tall = rng.uniform(4, 8), rng.uniform(6, 10), rng.uniform(2.5, 3.5)
         near, reach, half = -depth / 2 + 0.8, depth - 1.6, 0.38 * width
-        height = lambda xy: np.zeros(len(xy))  # noqa: E731
+        height = lambda xy: np.zeros(len(xy))
         # A plain outer shell closes the room whatever the relief of its walls does.
         add(
             g.box(

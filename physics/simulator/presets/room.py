@@ -44,7 +44,7 @@ def _curtain(x0, x1, seed):
 def room(seed=0):
     """The room Scene of this seed, about 0.2 million triangles, atmosphere None."""
     rng = np.random.default_rng([seed, 505])
-    number = lambda: int(rng.integers(2**31))  # noqa: E731
+    number = lambda: int(rng.integers(2**31))
     objects = []
 
     def add(mesh, material, kelvin, smooth=False, name="", wobble_k=0.3):

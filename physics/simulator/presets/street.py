@@ -20,7 +20,7 @@ KERB_M = 0.14
 def street(seed=0):
     """The street Scene of this seed, 0.3-0.45 million triangles."""
     rng = np.random.default_rng([seed, 202])
-    number = lambda: int(rng.integers(2**31))  # noqa: E731
+    number = lambda: int(rng.integers(2**31))
     objects = []
 
     def add(mesh, material, kelvin, smooth=True, name=""):
