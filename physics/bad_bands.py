@@ -1,10 +1,7 @@
 """Bands that tell nothing of the scene: found from the cube alone, and left out.
 
-In kelvin at 300 K a working band shows the scene's contrast and the sensor's noise. Its noise is
-what the other bands do not predict: of some pixels and a neighbour of each, the CALM share that
-differ least are taken, and from each band's difference what least squares make of the other bands'
-differences. Spectra of a scene fill few dimensions, so the others predict a line of ozone or of
-quartz, too; the median of what is left is noise. Bad is a band that is
+In kelvin at 300 K a working band shows the scene's contrast and the sensor's noise, which is what
+the other bands do not predict (`netd`). Bad is a band that is
 
     stuck   the same everywhere while others vary; or varies by less than STUCK_NOISE times the
             usual noise (the bands' median) and by less than STUCK_SHARE of what the live
@@ -27,58 +24,44 @@ import numpy as np
 
 from .dead_pixels import MOST, lit
 from .heat_cube import LEAST_NETD_K, MAX_NETD_K
+from .netd import noise_of_bands, squares_of, usual_noise
 from .planck import noise_sigma
 
-SAMPLES = 6000  # pixels
-CALM = 0.25
-NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.3
+NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.2
 OUTERMOST = 0.005  # of the pixels at either end
 LEAST_BANDS, MANY_BANDS = 8, 30
 NO_RADIANCE = f"no radiance in more than {MOST:.0%} of the pixels"
-LEAST_K = 1e-3  # keeps spectra without noise from being singular
 
 
 def without_bad_bands(cube):
     """A HeatCube less its bad bands, of the noise that it shows (itself if nothing is amiss), and
     {wavelength_um: why} of the bad bands."""
-    w, spectra, differences = cube.wavelength_um, *_samples(cube)
+    w, squares = cube.wavelength_um, squares_of(cube) / noise_sigma(cube.wavelength_um, 1.0)
+    squares[..., ~lit(squares).all(axis=(0, 1))] = 0
     bad = {}
-    while found := _bad(w, spectra, differences, [b for b in range(len(w)) if b not in bad]):
+    while found := _bad(w, squares, [b for b in range(len(w)) if b not in bad]):
         bad |= found
     good = np.array([b not in bad for b in range(len(w))])
     if bad:
         cube = cube.only(good)
-    noise = _own_noise(differences[:, good])
-    if noise is not None and cube.bands >= MANY_BANDS and cube.netd_k:
-        usual = float(np.median(noise))
-        if usual > MORE * max(cube.netd_k, LEAST_NETD_K):
+    if cube.bands >= MANY_BANDS and cube.netd_k:
+        usual = usual_noise(squares[..., good])
+        if usual is not None and usual > MORE * max(cube.netd_k, LEAST_NETD_K):
             cube = replace(cube, netd_k=min(usual, MAX_NETD_K))
     return cube, {float(w[b]): bad[b] for b in sorted(bad)}
 
 
-def _samples(cube):
-    """(n, bands) spectra of some pixels, and their differences from the next pixel but one row
-    down, K at 300 K, none of them dead if it can be; zeros in bands without light."""
-    size, next_to, dead = cube.dead.size, cube.shape[1] + 1, cube.dead.reshape(-1)
-    first = cube.regular_pixels(SAMPLES)
-    measured = ~dead[(first + next_to) % size]
-    first = first[measured if measured.any() else slice(None)]
-    both = cube.pixels(np.concatenate([first, (first + next_to) % size]))
-    both[:, ~lit(both).all(axis=0)] = 0
-    both /= noise_sigma(cube.wavelength_um, 1.0)
-    return both[: len(first)], both[: len(first)] - both[len(first) :]
-
-
-def _bad(wavelength_um, spectra, differences, good):
-    """{index: why} of what is bad among the bands that are good so far."""
-    w, s, d = wavelength_um[good], spectra[:, good], differences[:, good]
+def _bad(wavelength_um, squares, good):
+    """{index: why} of what is bad among the bands that are good so far; squares (4, n, bands) in K
+    at 300 K, 0 in bands without light."""
+    w, s = wavelength_um[good], squares[0][:, good]
     varies = np.ptp(s, axis=0) > 0
     same = ~varies & (varies.any() | (s[0] == 0))
     if same.any():
         return {
             good[i]: "the same everywhere" if s[0, i] else NO_RADIANCE for i in np.flatnonzero(same)
         }
-    noise = _own_noise(d)
+    noise = _noise(squares[..., good])
     if noise is None:
         return {}
     usual = max(np.median(noise), LEAST_NETD_K)
@@ -98,14 +81,10 @@ def _bad(wavelength_um, spectra, differences, good):
     }
 
 
-def _own_noise(differences):
-    """(bands,) K: the standard deviation of what the other bands' differences (n, bands) do not
-    predict; None where there are too few of them."""
-    contrast = np.median(np.abs(differences), axis=1)
-    d = differences[contrast <= np.quantile(contrast, CALM)]
-    n, bands = d.shape
-    if bands < LEAST_BANDS or n < 2 * bands:
+def _noise(squares):
+    """`noise_of_bands`, or None where there are too few of them to tell one from another. Calm is
+    here where these differences themselves are least: a pixel that flares up stays out."""
+    d = squares[0] - squares[3]
+    if d.shape[1] < LEAST_BANDS:
         return None
-    precision = np.linalg.inv(d.T @ d / n + LEAST_K**2 * np.eye(bands))
-    left = d @ precision / np.diag(precision)  # d_b less its least-squares fit by the others
-    return np.median(np.abs(left), axis=0) / 0.6745 / np.sqrt(2)
+    return noise_of_bands(d, np.median(np.abs(d), axis=1), alike=False)

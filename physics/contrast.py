@@ -8,6 +8,7 @@ material and texture cause. In a thermal image the first two drown the third.
 
 import numpy as np
 
+from .errors import InputError
 from .planck import radiance, radiance_derivative
 
 
@@ -21,8 +22,13 @@ def contrast_terms(temperature_k, emissivity, texture, wavelength_um):
 
     Returns {"temperature", "material", "texture"}, each (2, bands, height, width) in
     W m-2 sr-1 um-1: central differences down and across, one-sided at the border.
-    Their sum is the gradient of S to first order.
+    Their sum is the gradient of S to first order. Raises InputError where there are no
+    neighbours: of fewer than two rows or columns.
     """
+    if min(np.shape(temperature_k)) < 2:
+        raise InputError(
+            f"contrast: neighbours take two rows and columns, got {np.shape(temperature_k)}."
+        )
     w = np.asarray(wavelength_um)[:, None, None]
     d = lambda a: np.stack(np.gradient(a, axis=(-2, -1)))
     return {

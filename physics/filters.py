@@ -53,7 +53,7 @@ from .identifiability import leverage
 from .library import SKY
 from .planck import noise_sigma, radiance
 from .prior import MIN_TEMPERATURE_SPREAD_K
-from .sky import Atmosphere, sky_radiance
+from .sky import sky_radiance, usual_atmosphere
 
 NETD_K = 0.05  # of a filter 1 um wide, at 300 K
 TOLERANCE_K = 0.5  # what the surroundings leave of T's error on simulated scenes
@@ -63,7 +63,7 @@ WIDTHS_UM = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0)
 LEAST = 3  # with fewer, `estimate` cannot tell a sky from a grey body
 LEAST_UM = 3.0  # of a library's range
 DRAWS, SEED = 32, 0
-WATER_CM = (0.5, 1.0, 2.0, 4.0)
+HUMIDITY = (0.25, 0.5, 0.75, 1.0)  # of vapour over what the air can hold
 COS_ZENITH = (1.0, 0.5, 0.15)
 GROUND_K = ((-5.0,), (5.0,))  # about the ground's mean
 GAIN = 1e-9  # nats; an exchange that gains less is rounding
@@ -99,8 +99,8 @@ def draw_scenes():
     rng = np.random.default_rng(SEED)
     air = rng.uniform(275, 300, DRAWS)
     ground = air + rng.normal(0, 3, DRAWS)
-    water = np.resize(WATER_CM, DRAWS)
-    sky = [sky_radiance(FINE_UM, COS_ZENITH, Atmosphere(*a)) for a in zip(air, water, strict=True)]
+    airs = map(usual_atmosphere, air, np.resize(HUMIDITY, DRAWS))
+    sky = [sky_radiance(FINE_UM, COS_ZENITH, a) for a in airs]
     ground = radiance(FINE_UM, (ground + np.array(GROUND_K)).T[..., None])
     environment = np.concatenate([sky, ground], axis=1)
     lighting = rng.dirichlet(np.ones(environment.shape[1]), DRAWS)

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import scratch
-from .dead_pixels import dead_pixels, filled, lit, without_dead
+from .dead_pixels import dead_pixels, filled, without_dead
 from .errors import InputError
+from .netd import estimated_netd
 from .planck import brightness_temperature, noise_sigma
 
 TYPICAL_K = (110.0, 1000.0)  # of half a scene; beyond, its unit is wrong
-MAX_NETD_K = 10.0  # beyond it, it is in mK
+MIN_NETD_K, MAX_NETD_K = 1e-3, 10.0  # of an estimate, at least; beyond the other, it is in mK
 # what k objects leave out of a scene's light, whatever the camera's noise. On scenes outside the
 # test sets a camera of 5 mK was answered no better than at 20, with up to a quarter unknown
 LEAST_NETD_K = 0.02
@@ -207,46 +208,12 @@ class HeatCube:
         bands = zip(self.wavelength_um, scratch.parts(self.radiance), strict=True)
         return sum(brightness_temperature(w, s) for w, s in bands) / self.bands
 
-    @property
-    def _measured_in_threes(self):
-        """(height - 2, width) bool, where a pixel and those above and below it are not dead."""
-        return ~(self.dead[:-2] | self.dead[1:-1] | self.dead[2:])
-
     def with_netd(self):
-        """This cube, with NETD estimated from its own pixels where it is not known.
+        """This cube, with the NETD that its own pixels show where it is not known (`netd`).
 
-        The spectra of a scene fill few dimensions; the smallest principal components of
-        the noise-scaled spectra hold noise alone, and so does their median. With
-        fewer than 12 bands no component is free of signal, and the second differences between
-        neighbours are used, of the quarter of the pixels where they are least in all bands
-        together: least if they were noise alone, as chi-square has it. Texture biases it upwards,
-        and few pixels downwards (by 8 % where they are twice as many as the bands).
+        Raises InputError where there are too few pixels.
         """
         if self.netd_k is not None:
             return self
-        sigma = noise_sigma(self.wavelength_um, 1.0)
-        s = self.sample(20000)
-        shows = lit(s).all(axis=0)
-        bands = np.count_nonzero(shows)
-        if bands >= 12 and self.measured_count > 2 * bands:
-            variance = np.linalg.eigvalsh(np.cov((s / sigma)[:, shows].T))
-            netd = np.sqrt(max(0.0, np.median(variance)))  # rounding can bring it below 0
-        elif bands and self.shape[1] >= 3 and (of := self._measured_in_threes).any():
-            square = 0.0
-            for b in np.flatnonzero(shows):
-                band = self.radiance[b]
-                second = (band[1:-1].astype(np.float64) - 0.5 * (band[:-2] + band[2:])) / sigma[b]
-                square = square + second**2 / (1.5 * bands)
-                scratch.release(self.radiance)
-            # the quartile of chi-square over its degrees of freedom (Wilson and Hilferty 1931)
-            spread = 2 / (9 * bands)
-            least = np.quantile(square[of], 0.25)
-            netd = np.sqrt(least / (1 - spread - 0.67449 * spread**0.5) ** 3)
-        else:
-            raise InputError(
-                "cube: its NETD is not known; to estimate it takes 12 bands and more than twice as "
-                "many pixels, or three columns and measured pixels one above another; state it, as "
-                "netd_k in an npz file or by import --netd."
-            )
-        netd = float(np.clip(netd, 1e-3, MAX_NETD_K))
-        return replace(self, netd_k=netd)
+        netd_k = float(np.clip(estimated_netd(self), MIN_NETD_K, MAX_NETD_K))
+        return replace(self, netd_k=netd_k)

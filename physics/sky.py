@@ -102,13 +102,14 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     return np.einsum("dln,ln->dn", above - transmittance, glow)
 
 
-def usual_atmosphere(air_temperature_k):
-    """Atmosphere of usual HUMIDITY at so many K near the ground (Magnus's formula, WMO 2008)."""
+def usual_atmosphere(air_temperature_k, humidity=HUMIDITY):
+    """Atmosphere of so many K near the ground, and of vapour over what its air can hold (Magnus's
+    formula, WMO 2008)."""
     t = float(np.clip(air_temperature_k, 220, 330))
     celsius = t - 273.15
     saturated_pa = 611.2 * math.exp(17.62 * celsius / (243.12 + celsius))
     column_cm = saturated_pa / (1e3 * VAPOUR_J_G_K * t) * WATER_SCALE_KM * 100
-    return Atmosphere(t, min(HUMIDITY * column_cm, MOST_WATER_CM))
+    return Atmosphere(t, min(humidity * column_cm, MOST_WATER_CM))
 
 
 def continuum(wavelength_um):

@@ -1,5 +1,7 @@
 """What is wrong with a camera is found where the scene shows it; a right one is left alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from traced import names_of, one_thread, said, traced  # noqa: F401
 from physics import HeatCube, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
-from physics.planck import noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, radiance
 from texnet.calibration import calibration
 from texnet.correction import RIGHT, Calibration, corrected
 from texnet.cube_io import write_cube
@@ -209,6 +211,55 @@ def test_what_is_given_or_has_few_bands_is_left_alone():
     for bands, gain in ((4, 1), (5, 1), (6, 1.1)):
         d = decompose(shown(traced("room", bands)[0], Calibration(1.1)))
         assert d.gain == pytest.approx(gain, abs=0.01)
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+@pytest.mark.parametrize("bands", [54, 9])
+@pytest.mark.parametrize("wrong_k", [0.0, 10.0, -20.0, 30.0])
+def test_surroundings_that_are_off_are_not_believed(wrong_k, bands, method):
+    """Objects that were taken at another time, all of them warmer or colder."""
+    cube, truth = traced("forest", bands)
+    e = estimate_environment(cube, LIBRARY, 5)
+    seen_k = brightness_temperature(e.wavelength_um, e.radiance)
+    e = replace(e, radiance=radiance(e.wavelength_um, seen_k + wrong_k))
+    d = decompose(cube, environment=e, method=method)
+    if not wrong_k:
+        assert d.environment_error_k == 0
+    elif abs(wrong_k) > 10 or bands == 54:
+        assert d.environment_error_k >= 3
+    off = np.abs(d.temperature_k - truth.temperature_k)[names_of(truth) != "sky"]
+    within = off <= 2 * d.temperature_sigma_k[names_of(truth) != "sky"]
+    assert within.mean() > 0.9
+
+
+def test_the_network_alone_believes_what_is_given():
+    cube = traced("forest", 54)[0]
+    e = estimate_environment(cube, LIBRARY, 5)
+    wrong = replace(e, radiance=0.6 * e.radiance)
+    assert decompose(cube, environment=wrong, method="net").environment_error_k == 0
+    assert decompose(cube, environment=wrong).environment_error_k == 30
+
+
+@pytest.mark.parametrize("share", [0.03, 0.08])
+def test_a_fire_is_no_noise(share):
+    """A part of the ground at 600 K: the others are answered as without."""
+    cube, truth = traced("forest", 36, (72, 96))
+    side = round((share * cube.radiance[0].size) ** 0.5)
+    part = np.s_[:, 72 - side :, 40 : 40 + side]
+    rng, w = np.random.default_rng(0), cube.wavelength_um[:, None, None]
+    t = truth.temperature_k[part[1:]]
+    hotter = radiance(w, t + 310 + rng.uniform(-60, 60, t.shape)) - radiance(w, t)
+    s = cube.radiance.astype(np.float64)
+    s[part] += truth.emissivity[part] * hotter
+    d = decompose(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
+    assert (d.gain, d.noise_raised) == (1, 1)
+    cold = np.ones(cube.shape, bool)
+    cold[part[1:]] = False
+    cold &= names_of(truth) != "sky"
+    off = np.abs(d.temperature_k - truth.temperature_k)[cold]
+    right = (names_of(d) == names_of(truth))[cold].mean()
+    # a large one also takes an environment object from the others
+    assert off.mean() < 0.5 and right > (0.7 if share < 0.05 else 0.5)
 
 
 def test_the_command_says_so(tmp_path, capsys):

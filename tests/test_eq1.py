@@ -1,11 +1,13 @@
 """Eq. 1's analytic limits, gradients and Eq. 7."""
 
 import numpy as np
+import pytest
 import torch
 
 from physics.bands import quadrature
 from physics.contrast import contrast_terms
 from physics.eq1 import physics_loss, render
+from physics.errors import InputError
 from physics.planck import noise_sigma, radiance
 
 W = np.linspace(8, 14, 9)
@@ -109,6 +111,8 @@ def test_eq7_terms_add_up_to_the_gradient_of_s():
         terms = contrast_terms(t, e, texture, W)
         left = np.stack(np.gradient(s, axis=(1, 2))) - sum(terms.values())
         assert np.abs(left).max() < 50 * step**2
+    with pytest.raises(InputError, match="two rows and columns"):
+        contrast_terms(t[:1], e[:, :1], texture[:, :1], W)
     only_t = contrast_terms(t, np.broadcast_to(e[:, :1, :1], e.shape),
                             np.broadcast_to(texture[:, :1, :1], e.shape), W)  # fmt: skip
     assert not only_t["material"].any() and not only_t["texture"].any()

@@ -5,6 +5,7 @@ import pytest
 
 from physics import HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
+from physics.estimate import Sample
 from physics.planck import noise_sigma, radiance
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
@@ -31,6 +32,15 @@ def forest():
 
 def test_under_a_sky_a_few_objects_are_not_enough(forest):
     assert 4 <= supported_count(forest, MaterialLibrary.starter()) <= 8
+
+
+def test_ground_alone_needs_a_sky_and_what_else_there_is(forest):
+    """Without one a single object, which mirrors of itself explain, would do."""
+    library = MaterialLibrary.starter()
+    ground = HeatCube(forest.radiance[:, 30:], W, FWHM, 0.05)
+    assert Sample(forest, library).sky.any() and not Sample(ground, library).sky.any()
+    answer = decompose(ground, method="local", k="auto")
+    assert len(answer.environment) >= 2 and answer.sky_assumed
 
 
 def test_the_order_of_the_library_does_not_matter(forest):

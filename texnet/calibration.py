@@ -128,6 +128,8 @@ def surroundings_error(cube, environment, look, library, left_out=None):
         for kelvin in (0.0, *ERRORS_K)
     })  # fmt: skip
     likeliest = min(loss, key=loss.get)
+    if not np.isfinite(loss[likeliest]):
+        return 0.0
     return likeliest if loss[0.0] - loss[likeliest] >= ERROR_WORTH else 0.0
 
 
@@ -177,8 +179,10 @@ def _left(at, rises):
     where the noise is taken to be so many times as much, from FIRST down or from MORE up."""
     noise = MORE if rises else FIRST
     left = at(noise)
-    for _ in range(LOOKS):
+    for looked in range(LOOKS):
         last, noise = noise, min(MORE * max(left, 1.0), FIRST)
+        if not looked and not rises:  # one look, at so much noise, decides nothing
+            noise = min(noise, FIRST / MORE)
         if (noise < last / LESS) if rises else (noise > LESS * last):
             break
         before, left = left, at(noise)
