@@ -167,6 +167,11 @@ def noise(view, library, netd_k):
     return Case(*shaded(view, library, netd_k=netd_k), library)
 
 
+def unstated_noise(view, library, bands):
+    cube, truth = shaded(view, library, bands)
+    return Case(replace(cube, netd_k=None), truth, library)
+
+
 def sky_out_of_view(view, library, share):
     """The picture's upper part is cut off, down to the last row with sky in it."""
     cube, truth = shaded(view, library)
@@ -300,6 +305,19 @@ def saturated_pixels(view, library, percent):
     return Case(changed(cube, np.minimum(cube.radiance, most)), truth, library)
 
 
+def hot_part(view, library, percent):
+    """A square of the ground is 300 K hotter, as a fire is; what it lights is left out."""
+    cube, truth = shaded(view, library)
+    side = round((percent / 100 * cube.radiance[0].size) ** 0.5)
+    left = (cube.shape[1] - side) // 2
+    at = np.s_[cube.shape[0] - side :, left : left + side]
+    part, t, w = (slice(None), *at), truth.temperature_k.copy(), cube.wavelength_um[:, None, None]
+    s, t[at] = cube.radiance.copy(), t[at] + 300
+    hotter = radiance(w, t[at]) - radiance(w, truth.temperature_k[at])
+    s[part] += truth.emissivity[part] * hotter
+    return Case(changed(cube, s), replace(truth, temperature_k=t), library)
+
+
 def mirrors(view, library, share):
     return Case(*shaded(replace(view, mirror=share), library), library)
 
@@ -348,6 +366,7 @@ AXES = {
     "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
     "bands end early": Axis("at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early),
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
+    "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),
     "sky out of view": Axis("share of sky rows cut off", (0, 0.3, 0.6, 0.9, 1), sky_out_of_view),
     "k at 54 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_54_bands),
     "k at 6 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_6_bands),
@@ -368,6 +387,7 @@ AXES = {
     "stripes": Axis("their sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
     "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
     "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
+    "hot part": Axis("pixels 300 K hotter (%)", (0, 1, 3, 6, 10), hot_part),
 }
 
 
