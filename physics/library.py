@@ -24,6 +24,7 @@ from .whole_file import whole_file
 
 SKY = "sky"
 GREY = (0.4, 0.4, 0.4)  # albedo where none is given
+MIRROR = 0.3  # mean emissivity, below which a material is one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,6 +115,11 @@ class MaterialLibrary:
             [self.names[j] for j in i], self.wavelength_um, self.emissivity[i],
             self.hue_deg[i], self.albedo_rgb[i], [self.descriptions[j] for j in i],
         )  # fmt: skip
+
+    def mirrors(self, wavelength_um):
+        """(materials,) bool, which reflect most of the light at wavelengths (n,) in um: with so
+        little glow of their own they may look like anything. Raises InputError as `at`."""
+        return self.at(wavelength_um).mean(axis=1) < MIRROR
 
     def at(self, wavelength_um):
         """(materials, ...) emissivity at wavelengths (...) in um, linear in between.

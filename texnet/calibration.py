@@ -38,7 +38,7 @@ from physics.prior import far_hotter
 
 from .band_gains import FIRST, band_gains, ground
 from .correction import RIGHT, corrected, corrected_environment
-from .gain_or_offset import gain_or_offset, losses
+from .gain_or_offset import first_look, gain_or_offset, losses
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
@@ -51,7 +51,7 @@ RISE = 0.1  # more than that, and it is not right
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 DOUBT = 1.5  # times that, by which T is misled, in all pixels of a material alike
-MIRROR, LEAST_MATERIALS = 0.3, 2  # of mean emissivity less; to choose from
+LEAST_MATERIALS = 2  # to choose from
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
 # K that are tried, and nats per pixel: surroundings that were right to 1 K were worth 0.05 at most,
 # 10 K off 0.1 and more, and 30 K off 0.9 and more
@@ -105,7 +105,7 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return False
     alike, found = {}, found._replace(noise=1.0, misfit=1.0, doubt=0.0)
-    seen = np.flatnonzero(library.at(cube.wavelength_um).mean(axis=1) >= MIRROR)
+    seen = np.flatnonzero(~library.mirrors(cube.wavelength_um))
     if len(seen) < LEAST_MATERIALS:
         return False
     without, under = losses({
@@ -118,19 +118,23 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
 def surroundings_error(cube, environment, look, library, left_out=None):
     """K by which the Environment of a HeatCube, which was taken elsewhere or at another time, is
     likely off: with which of ERRORS_K as its `off_by` the pixels are likeliest, 0 if not by
-    ERROR_WORTH; other arguments as of `calibration`."""
+    ERROR_WORTH, or if a gain or an offset of the camera explains more; other arguments as of
+    `calibration`."""
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return 0.0
-    alike = {}
-    loss = losses({
-        kelvin: _Scene(part, environment.off_by(kelvin), library, look).nats(RIGHT, alike)
-        for kelvin in (0.0, *ERRORS_K)
-    })  # fmt: skip
+    alike, right = {}, _Scene(part, environment.off_by(0.0), library, look)
+    all_nats = {0.0: right.nats(RIGHT, alike)}
+    for kelvin in ERRORS_K:
+        off = _Scene(part, environment.off_by(kelvin), library, look)
+        all_nats[kelvin] = off.nats(RIGHT, alike)
+    loss = losses(all_nats)
     likeliest = min(loss, key=loss.get)
-    if not np.isfinite(loss[likeliest]):
+    if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return 0.0
-    return likeliest if loss[0.0] - loss[likeliest] >= ERROR_WORTH else 0.0
+    all_nats |= {c: right.nats(c, alike) for c in first_look()}
+    loss = losses(all_nats)
+    return likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
 
 class _Scene(NamedTuple):

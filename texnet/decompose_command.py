@@ -183,7 +183,7 @@ def _netd(r):
     if said and not math.isclose(own, said, rel_tol=1e-3):
         source = f"estimated, {1e3 * said:.0f} mK stated"
     floor = r["netd_k"] * r["gain"] < 1.001 * LEAST_NETD_K
-    why = "k objects leave out as much" if floor else "nothing fits better"
+    why = "the model of the surroundings is no better" if floor else "nothing fits better"
     raised = f", taken for {1e3 * r['netd_k']:.0f} mK as {why}"
     return f"NETD {1e3 * own:.0f} mK ({source}){raised if r['noise_raised'] > 1 else ''}"
 

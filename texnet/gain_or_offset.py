@@ -74,7 +74,7 @@ def gain_or_offset(nats_of, sky):
             if c not in nats:
                 nats[c] = nats_of(c)
 
-    see([RIGHT, *(k.of(sign * error) for k in KINDS for error in k.first for sign in (-1, 1))])
+    see([RIGHT, *first_look()])
     loss = losses(nats, np.median(nats[RIGHT]))
     if min(loss, key=loss.get) == RIGHT:
         return RIGHT
@@ -92,6 +92,11 @@ def gain_or_offset(nats_of, sky):
     if abs(error) < one.kind.least:
         return RIGHT
     return one.kind.of(round(error, 4))
+
+
+def first_look():
+    """The Calibrations that tell whether there is anything to find."""
+    return [k.of(sign * error) for k in KINDS for error in k.first for sign in (-1, 1)]
 
 
 def _best_of(kind, see, nats):

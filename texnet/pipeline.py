@@ -179,7 +179,7 @@ def decompose(
         from physics.support import supported_count  # numba takes a second to load
 
         with compiling(progress):
-            k = supported_count(cube, library, seed)
+            k = supported_count(cube, library, seed, assume_sky=method != "net")
         lap("k")
     dead, beyond = cube.dead, saturated(cube)
     untold = dead | beyond
@@ -200,7 +200,7 @@ def decompose(
         with compiling(None if nets else progress):
             if given is not None:
                 error_k = surroundings_error(cube, environment, look, library, untold)
-                environment = environment.off_by(error_k)
+                environment = environment.off_by(error_k) if error_k else environment
             else:
                 shown, assumed, environment = _calibration_or_sky(
                     cube, environment, estimate, look, library, untold

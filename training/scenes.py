@@ -46,7 +46,7 @@ _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 SOURCES = (
     *(_PHYSICS / name for name in (
         "simulator", "array_file.py", "bands.py", "dead_pixels.py", "errors.py", "heat_cube.py",
-        "library.py", "planck.py", "sky.py", "truth.py", "whole_file.py",
+        "library.py", "netd.py", "planck.py", "sky.py", "truth.py", "whole_file.py",
         "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
@@ -240,15 +240,19 @@ def _in_processes(scenes, missing, workers):
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         busy = {}
         for pipe, i in zip(free, todo, strict=False):
-            pipe.send(i)
+            with suppress(ConnectionError):  # it died; said below
+                pipe.send(i)
             busy[pipe] = i
         while busy:
             for pipe in wait(list(busy)):
                 del busy[pipe]
                 try:
                     error = pipe.recv()
-                except EOFError as e:
-                    raise InputError("scenes: a worker died; is there enough memory?") from e
+                except (EOFError, ConnectionError) as e:
+                    raise InputError(
+                        "scenes: a worker died; is there enough memory, and does a script that "
+                        'makes scenes begin with if __name__ == "__main__"?'
+                    ) from e
                 if error is not None:
                     raise error
                 i = next(todo, None)
