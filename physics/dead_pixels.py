@@ -59,8 +59,8 @@ def dead_pixels(radiance, wavelength_um, stated=False):
             f"infinite, or hotter than {HOTTEST_K:.0f} K), the first at {wavelength_um[b]:.5g} um, "
             f"row {row}, column {column} ({radiance[b, row, column]:.4g}), and at most {MOST:.0%} "
             "may be, but for those that hold nothing in any band; cut edges off, leave bands out, "
-            "check the calibration, or make what stands for no measurement NaN (ENVI: data ignore "
-            "value)."
+            "check interleave, byte order, lines, samples and the calibration, or make what stands "
+            "for no measurement NaN (ENVI: data ignore value)."
         )
     return dead, share > MOST, misleads
 

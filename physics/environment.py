@@ -11,6 +11,8 @@ from .planck import brightness_temperature, radiance_derivative
 from .planck import radiance as planck_radiance
 from .prior import lighting_scale
 
+FAR_HOTTER_K = 100.0  # than the cube: in other units
+
 
 @dataclass(frozen=True, eq=False)
 class Environment:
@@ -112,6 +114,18 @@ class Environment:
         _, length, direction = np.linalg.svd(rows, full_matrices=False)
         rows = (length[:, None] * direction)[:2]
         return replace(self, spread=np.concatenate([self.spread, rows]))
+
+    def check(self, cube):
+        """Raise InputError unless the environment may be that of a HeatCube: of its bands, and with
+        an object that is no hotter than its pixels by far."""
+        self.check_bands(cube.wavelength_um)
+        coldest = brightness_temperature(self.wavelength_um, self.radiance).mean(axis=1).min()
+        hottest = cube.brightness_temperature_k.max()
+        if coldest > hottest + FAR_HOTTER_K:
+            raise InputError(
+                f"environment: all of it looks like {coldest:.0f} K and hotter, the cube like "
+                f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
+            )
 
     def check_bands(self, wavelength_um):
         """Raise InputError unless (bands,) wavelength_um, a cube's, are the environment's too."""

@@ -86,6 +86,14 @@ def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
     return Sample(cube, library, seed).environment(k, assume_sky)
 
 
+def with_sky_in_view(environment, cube, library, seed=0):
+    """An Environment that says nothing of how the sky's own pixels scatter, as of a measured
+    downwelling, with what those of a HeatCube are like, if there are any."""
+    if not environment.sky or len(environment.sky_spread):
+        return environment
+    return replace(environment, **Sample(cube, library, seed).of_sky())
+
+
 class Sample:
     """Pixels of a HeatCube that environments of any k are estimated from: spectra (n, bands) in
     noise units, row (n,) how far down they lie, 0..1, sky (n,) which of them are sky, and inner
@@ -139,7 +147,7 @@ class Sample:
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
             tuple(range(len(skies))), spread * cube.sigma, _principal(deviations) * cube.sigma,
-            ERROR_K, **self._of_sky(),
+            ERROR_K, **self.of_sky(),
         )  # fmt: skip
 
     def _skies_overhead(self, k):
@@ -172,7 +180,8 @@ class Sample:
         skies = np.array(skies) / cube.sigma
         return skies[:1], skies - skies[0]
 
-    def _of_sky(self):
+    def of_sky(self):
+        """What an Environment has of the sky's own pixels, by name; nothing if there are none."""
         if not self.sky.any():
             return {}
         sky, sigma = self.spectra[self.sky], self.cube.sigma

@@ -97,5 +97,5 @@ def test_it_is_said(tmp_path, capsys):
     write_cube(below_the_sky("forest", 54)[0], tmp_path / "ground.npz")
     text, result, arrays = said(capsys, tmp_path / "ground.npz", tmp_path / "out")
     assert result["sky_assumed"] and not result["sky_in_view"]
-    assert "none in view: a usual one is assumed" in text
+    assert "none in view: a usual clear one is assumed" in text
     assert arrays["sky"].tolist() == [0]

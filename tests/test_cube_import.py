@@ -636,7 +636,7 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
     path = envi(tmp_path / "a", S, **{key.replace(" ", "_"): "DN"})
     with pytest.raises(InputError, match="says 'DN'; give --unit"):
         import_cube(path)
-    with pytest.raises(InputError, match="says not which unit"):
+    with pytest.raises(InputError, match="does not say which unit"):
         import_cube(envi(tmp_path / "a", S))
 
 

@@ -15,7 +15,7 @@ T, to which all bands add up, may be off at once by DOUBT times as much.
 
 Where no sky is in view, all this is looked at without a sky, and whether pixels are likelier with
 one that is assumed (`under_a_sky`) before it is looked at with that. Where the environment is given
-nothing is asked of the camera, but of that, whether it is off (`surroundings_error`).
+no gain or offset is looked for, but whether the environment is off (`of_given`).
 
 The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
 cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,
@@ -83,6 +83,12 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
         if evened is not None and (less := scene.left(evened, few)) <= just:
             found, misfit = evened, less
+    return _with_noise(found, misfit, cube)
+
+
+def _with_noise(found, misfit, cube):
+    """A Calibration of a HeatCube with the noise that it takes to explain a misfit."""
+    few, just = cube.bands < LEAST_FOR_GAINS, JUST + PER_BAND / cube.bands
     if misfit <= just:
         return found
     # no step, for what lies just beside it
@@ -115,26 +121,28 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
     return without - under >= SKY_WORTH
 
 
-def surroundings_error(cube, environment, look, library, left_out=None):
-    """K by which the Environment of a HeatCube, which was taken elsewhere or at another time, is
-    likely off: with which of ERRORS_K as its `off_by` the pixels are likeliest, 0 if not by
-    ERROR_WORTH, or if a gain or an offset of the camera explains more; other arguments as of
-    `calibration`."""
+def of_given(cube, environment, look, library, left_out=None):
+    """Of an Environment that was taken elsewhere or at another time than a HeatCube: the
+    Calibration, of the noise alone, and K by which the Environment is likely off, 0 if it is not.
+    Arguments as of `calibration`.
+
+    What it does not explain may also be of the library or the camera, which mislead likewise, so
+    it is noise first. With that, it is off if so the pixels are likelier by ERROR_WORTH, and more
+    than by a gain or an offset of the camera."""
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
-        return 0.0
-    alike, right = {}, _Scene(part, environment.off_by(0.0), library, look)
-    all_nats = {0.0: right.nats(RIGHT, alike)}
-    for kelvin in ERRORS_K:
-        off = _Scene(part, environment.off_by(kelvin), library, look)
-        all_nats[kelvin] = off.nats(RIGHT, alike)
+        return RIGHT, 0.0
+    of = {k: _Scene(part, environment.off_by(k), library, look) for k in (0.0, *ERRORS_K)}
+    misfit = of[0.0].left(RIGHT, cube.bands < LEAST_FOR_GAINS)
+    noisy, alike = _with_noise(RIGHT, misfit, cube), {}
+    all_nats = {k: scene.nats(noisy, alike) for k, scene in of.items()}
     loss = losses(all_nats)
     likeliest = min(loss, key=loss.get)
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
-        return 0.0
-    all_nats |= {c: right.nats(c, alike) for c in first_look()}
-    loss = losses(all_nats)
-    return likeliest if min(loss, key=loss.get) == likeliest else 0.0
+        return noisy, 0.0
+    others = [c._replace(noise=noisy.noise) for c in first_look()]
+    loss = losses(all_nats | {c: of[0.0].nats(c, alike) for c in others})
+    return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
 
 class _Scene(NamedTuple):

@@ -68,8 +68,10 @@ def import_cube(
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
         raw = part_of(raw, rows, columns, range_um)
         if raw.unit is None and unit is None:
-            says = f"{raw.unit_said!r}" if raw.unit_said else "not which unit its radiance has"
-            raise InputError(f"cube: {path} says {says}; give --unit, one of {', '.join(UNITS)}.")
+            says = "does not say which unit its radiance is in"
+            if raw.unit_said:
+                says = f"says {raw.unit_said!r}"
+            raise InputError(f"cube: {path} {says}; give --unit, one of {', '.join(UNITS)}.")
         cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
     except OSError as e:
         raise InputError(f"cube: cannot read {e.filename or path}: {e.strerror or e}.") from e

@@ -183,14 +183,21 @@ def _netd(r):
     if said and not math.isclose(own, said, rel_tol=1e-3):
         source = f"estimated, {1e3 * said:.0f} mK stated"
     floor = r["netd_k"] * r["gain"] < 1.001 * LEAST_NETD_K
-    why = "the model of the surroundings is no better" if floor else "nothing fits better"
-    raised = f", taken for {1e3 * r['netd_k']:.0f} mK as {why}"
+    why = "the model of the surroundings is no better"
+    if not floor:
+        why = "at less no material fits (library, calibration?)"
+    raised = f", taken for {1e3 * r['netd_k']:.0f} mK: {why}"
     return f"NETD {1e3 * own:.0f} mK ({source}){raised if r['noise_raised'] > 1 else ''}"
 
 
 def _of_noise(netd_k, stated_k):
     if netd_k > SUSPICIOUS_K and netd_k > SUSPICIOUS * (stated_k or 0):
         yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
+
+
+def _of_few_bands(bands, k, chosen):
+    if k >= bands > 1 and not chosen:
+        yield f"Few bands    {bands} do not tell {k} objects apart: see --k auto"
 
 
 def _of_shift(um):
@@ -231,9 +238,12 @@ def _summary(r):
         *_of_calibration(r["gain"], r["offset_k"]),
         *_of_bands(r["band_gains"]),
         f"Objects      k = {r['k']}" + (", chosen" if r["k_chosen"] else ""),
-        f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K, half of it above {t['median']:.1f} K",
+        *_of_few_bands(r["bands"], r["k"], r["k_chosen"]),
+        f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K (but for 2 % at either end), half of it "
+        f"above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
-        f"Not sure     {100 * r['unknown']:.1f} % of the pixels are marked unknown",
+        f"Not sure     {100 * r['unknown']:.1f} % of the {'measured ' if r['dead'] else ''}pixels "
+        "are marked unknown",
         *_of_pixels(r["saturated"], r["dead"]),
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]
@@ -252,8 +262,8 @@ def _summary(r):
         )
     elif r["sky_assumed"]:
         lines.append(
-            "Sky          none in view: a usual one is assumed, which explains what is (is the "
-            "sky in the picture, clear, and at its top?)"
+            "Sky          none in view: a usual clear one is assumed, with which the pixels are "
+            "likelier (from above that is right; else is it in the picture, clear, at its top?)"
         )
     elif not r["sky_in_view"]:
         lines.append(

@@ -19,7 +19,7 @@ import numpy as np
 
 from physics.environment import Environment
 from physics.errors import InputError
-from physics.estimate import estimate_environment
+from physics.estimate import estimate_environment, with_sky_in_view
 from physics.expected import only
 from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import known_arrays
@@ -29,7 +29,7 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
 
 from . import glance
-from .calibration import calibration, surroundings_error, under_a_sky
+from .calibration import calibration, of_given, under_a_sky
 from .correction import RIGHT, corrected
 from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_error
 from .progress import compiling
@@ -167,13 +167,15 @@ def decompose(
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
+    if environment is not None:
+        environment.check(cube)
     whole = cube.wavelength_um
     cube, left_out, shift, stated, camera_k = prepared(cube, library)
     floor = cube.netd_k / camera_k
     if environment is not None:
-        environment.check_bands(whole)
         environment = environment.only(np.isin(whole, stated))
         environment = replace(environment, wavelength_um=cube.wavelength_um)
+        environment = with_sky_in_view(environment, cube, library, seed)
     lap("bands")
     if k == "auto" and environment is None:
         from physics.support import supported_count  # numba takes a second to load
@@ -199,7 +201,7 @@ def decompose(
     if method != "net":
         with compiling(None if nets else progress):
             if given is not None:
-                error_k = surroundings_error(cube, environment, look, library, untold)
+                shown, error_k = of_given(cube, environment, look, library, untold)
                 environment = environment.off_by(error_k) if error_k else environment
             else:
                 shown, assumed, environment = _calibration_or_sky(
@@ -207,7 +209,7 @@ def decompose(
                 )
         if shown != RIGHT:
             cube = corrected(cube, shown)
-            environment = estimate(cube, assume_sky=assumed)
+            environment = environment if given else estimate(cube, assume_sky=assumed)
         lap("calibration")
     with compiling(None if nets else progress):
         maps = glance.answer(
@@ -270,7 +272,7 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
         )
     if not isinstance(environment, Environment | None):
         raise InputError(
-            f"decompose: environment must be an Environment, as physics.Environment(radiance, "
+            f"decompose: environment must be an Environment, as texnet.Environment(radiance, "
             f"wavelength_um) makes one, got {type(environment).__name__}."
         )
     if method not in METHODS:

@@ -250,7 +250,7 @@ def _typical_k(radiance, w, unit):
             f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})? {kelvin}"
         ).rstrip() + uneven
     raise InputError(
-        f"cube: in {unit} half of it would be warmer than {here:.4g} K; give the right --unit "
+        f"cube: in {unit} half of it would be warmer than {here:,.0f} K; give the right --unit "
         f"({fit}). {kelvin}".rstrip()
     )
 
