@@ -278,9 +278,9 @@ def test_a_fire_is_no_noise(share):
     part = np.s_[:, 72 - side :, 40 : 40 + side]
     rng, w = np.random.default_rng(0), cube.wavelength_um[:, None, None]
     t = truth.temperature_k[part[1:]]
-    hotter = radiance(w, t + 310 + rng.uniform(-60, 60, t.shape)) - radiance(w, t)
+    hot_k = t + 310 + rng.uniform(-60, 60, t.shape)
     s = cube.radiance.astype(np.float64)
-    s[part] += truth.emissivity[part] * hotter
+    s[part] += truth.emissivity[part] * (radiance(w, hot_k) - radiance(w, t))
     d = decompose(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
     assert (d.gain, d.noise_raised) == (1, 1)
     cold = np.ones(cube.shape, bool)
@@ -290,6 +290,10 @@ def test_a_fire_is_no_noise(share):
     right = (names_of(d) == names_of(truth))[cold].mean()
     # a large one also takes an environment object from the others
     assert off.mean() < 0.5 and right > (0.7 if share < 0.05 else 0.5)
+    # T of the fire is cut off, and sigma says how far
+    fire = np.abs(d.temperature_k[part[1:]] - hot_k)
+    assert fire.mean() > 50 and (fire < 2 * d.temperature_sigma_k[part[1:]]).mean() > 0.85
+    assert d.unknown[part[1:]].mean() > 0.9
 
 
 def test_the_command_says_so(tmp_path, capsys):

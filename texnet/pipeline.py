@@ -22,8 +22,9 @@ from physics.errors import InputError
 from physics.estimate import estimate_environment, with_sky_in_view
 from physics.expected import only
 from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
-from physics.known import known_arrays
+from physics.known import MAX_T, known_arrays
 from physics.library import MaterialLibrary
+from physics.planck import brightness_temperature
 from physics.prepared import prepared
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from physics.saturation import saturated
@@ -299,9 +300,23 @@ def _by_network(library, model, progress):
         known = only(known_arrays(part, library, environment), seen)
         if alike is not None:
             known["basis"] = alike.setdefault("basis", known["basis"])
-        return model(part.radiance, known, progress, expected, regions)
+        maps = model(part.radiance, known, progress, expected, regions)
+        return maps | {"temperature_sigma_k": _cut_off(maps, known["prior_k"], part)}
 
     return look, partial(look, progress=progress)
+
+
+def _cut_off(maps, prior_k, cube):
+    """(height, width) sigma of T, where that was cut off no less than how far from it the pixel of
+    a HeatCube looks."""
+    t, sigma, (usual, spread) = maps["temperature_k"], maps["temperature_sigma_k"], prior_k
+    cut = np.abs(t - usual) > 0.999 * MAX_T * spread
+    if not cut.any():
+        return sigma
+    looks = brightness_temperature(cube.wavelength_um[:, None], cube.radiance[:, cut]).max(axis=0)
+    sigma = sigma.copy()
+    sigma[cut] = np.maximum(sigma[cut], np.abs(looks - t[cut]))
+    return sigma
 
 
 def _exactly(library, smooth, report, lap):
