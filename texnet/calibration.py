@@ -126,22 +126,21 @@ def of_given(cube, environment, look, library, left_out=None):
     Calibration, of the noise alone, and K by which the Environment is likely off, 0 if it is not.
     Arguments as of `calibration`.
 
-    What it does not explain may also be of the library or the camera, which mislead likewise, so
-    it is noise first. With that, it is off if so the pixels are likelier by ERROR_WORTH, and more
-    than by a gain or an offset of the camera."""
+    It is off if so the pixels are likelier by ERROR_WORTH, and more than by a gain or an offset of
+    the camera. What it does not explain as it was given may as well be of the library or the
+    camera, which mislead likewise, so it is noise, too."""
     part = _sample(cube, left_out)
     if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
         return RIGHT, 0.0
     of = {k: _Scene(part, environment.off_by(k), library, look) for k in (0.0, *ERRORS_K)}
-    misfit = of[0.0].left(RIGHT, cube.bands < LEAST_FOR_GAINS)
-    noisy, alike = _with_noise(RIGHT, misfit, cube), {}
-    all_nats = {k: scene.nats(noisy, alike) for k, scene in of.items()}
+    noisy = _with_noise(RIGHT, of[0.0].left(RIGHT, cube.bands < LEAST_FOR_GAINS), cube)
+    alike = {}
+    all_nats = {k: scene.nats(RIGHT, alike) for k, scene in of.items()}
     loss = losses(all_nats)
     likeliest = min(loss, key=loss.get)
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return noisy, 0.0
-    others = [c._replace(noise=noisy.noise) for c in first_look()]
-    loss = losses(all_nats | {c: of[0.0].nats(c, alike) for c in others})
+    loss = losses(all_nats | {c: of[0.0].nats(c, alike) for c in first_look()})
     return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
 
