@@ -9,7 +9,8 @@ planck       Eq. 3 and its inverse
 eq1          Eq. 1: the differentiable renderer and the physics loss
 contrast     Eq. 7: what the contrast of a thermal image is made of
 heat_cube    HeatCube
-bad_bands    which of its bands are dead or hot, and how noisy the others are
+netd         how noisy it is, by its own pixels
+bad_bands    which of its bands are dead or hot
 spectral_shift  by how much its wavelengths are off, by the sky's ozone
 dead_pixels  which of its pixels hold no measurement, and what they get instead
 saturation   which of its pixels are brighter than it can show
