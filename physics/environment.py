@@ -9,7 +9,7 @@ from .errors import InputError
 from .heat_cube import check_wavelength, numbers
 from .planck import brightness_temperature, radiance_derivative
 from .planck import radiance as planck_radiance
-from .prior import lighting_scale
+from .prior import lighting_scale, scene_temperatures
 
 FAR_HOTTER_K = 100.0  # than the cube: in other units
 
@@ -120,7 +120,7 @@ class Environment:
         an object that is no hotter than its pixels by far."""
         self.check_bands(cube.wavelength_um)
         coldest = brightness_temperature(self.wavelength_um, self.radiance).mean(axis=1).min()
-        hottest = cube.brightness_temperature_k.max()
+        hottest = scene_temperatures(cube).max()
         if coldest > hottest + FAR_HOTTER_K:
             raise InputError(
                 f"environment: all of it looks like {coldest:.0f} K and hotter, the cube like "

@@ -65,7 +65,7 @@ def squares_of(cube):
     of = of[:, measured] if measured.any() else of
     squares = cube.pixels(of.ravel()).reshape(*of.shape, cube.bands)
     differ = (squares[0] != squares[3]).any(axis=1) & (squares[1] != squares[2]).any(axis=1)
-    return squares[:, differ] if differ.any() else squares
+    return squares[:, differ] if differ.sum() >= LEAST_PER_BAND * cube.bands else squares
 
 
 def usual_noise(squares):
