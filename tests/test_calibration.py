@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import names_of, one_thread, said, traced  # noqa: F401
 
+import texnet.pipeline
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
@@ -171,12 +172,13 @@ def test_what_fits_nowhere_is_noise(bands, method, percent):
 
 
 @pytest.mark.parametrize(("name", "bands"), [("forest", 54), ("forest", 18), ("patterned", 54)])
-def test_mirrors_do_not_pass_for_what_curves_have_wrong(name, bands):
+def test_mirrors_do_not_pass_for_what_curves_have_wrong(name, bands, monkeypatch):
     """With curves 1 % off they fit nearly everything, at the noise that is stated."""
     cube, truth = traced(name, bands)
     library = with_errors(1)
-    at_stated = {"environment": estimate_environment(cube, library, 5)}
-    answers = (decompose(cube, library, method="local", **more) for more in ({}, at_stated))
+    found = decompose(cube, library, method="local")
+    monkeypatch.setattr(texnet.pipeline, "calibration", lambda *args, **kwargs: RIGHT)
+    answers = found, decompose(cube, library, method="local")
     ground = names_of(truth) != "sky"
     (error, right), (before, right_before) = (
         (np.abs(d.temperature_k - truth.temperature_k)[ground].mean(),
