@@ -210,7 +210,8 @@ def decompose(
                 )
         if shown != RIGHT:
             cube = corrected(cube, shown)
-            environment = environment if given else estimate(cube, assume_sky=assumed)
+            if given is None:
+                environment = estimate(cube, assume_sky=assumed)
         lap("calibration")
     with compiling(None if nets else progress):
         maps = glance.answer(
