@@ -79,6 +79,7 @@ def paper_decompose(cube, library, environment):
         unknown=np.zeros(cube.shape, bool),
         saturated=np.zeros(cube.shape, bool),
         dead=cube.dead,
+        hot=np.zeros(cube.shape, bool),
         wavelength_um=cube.wavelength_um,
         hue_deg=library.hue_deg,
         netd_k=cube.netd_k,

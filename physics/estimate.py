@@ -14,10 +14,12 @@
    scene (`sky`), and how others deviate from it.
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
-   directions; `skylight_spread`: how the extrapolated skies change with the air temperature.
+   directions, and what far hotter pixels add (`hot`); `skylight_spread`: how the extrapolated
+   skies change with the air temperature.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
-the time does not grow with the cube; none of them is dead, saturated or far hotter than all others.
+the time does not grow with the cube; none of them is dead, saturated or far hotter than the rest
+(`hot`).
 """
 
 from dataclasses import replace
@@ -31,9 +33,9 @@ from .dead_pixels import MOST, lit
 from .environment import Environment
 from .errors import InputError
 from .heat_cube import HeatCube
+from .hot import parted, shine
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
-from .prior import far_hotter
 from .saturation import saturated
 from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
@@ -103,15 +105,16 @@ class Sample:
     """
 
     def __init__(self, cube, library, seed=0):
-        self.cube, self.library, self.seed = cube.with_netd(), library, seed
-        pick = cube.random_pixels(np.random.default_rng(seed), SAMPLES)
+        self.cube, _, self.hot = parted(cube.with_netd())
+        self.library, self.seed = library, seed
+        pick = self.cube.random_pixels(np.random.default_rng(seed), SAMPLES)
         radiance = self.cube.pixels(pick)
         if not lit(radiance).all():
             raise InputError(
                 "environment: the cube has bands or pixels without light; leave such bands out, as "
                 "physics.bad_bands.without_bad_bands does."
             )
-        tell = _telling(radiance, cube.wavelength_um)
+        tell = _not_saturated(radiance, cube.wavelength_um)
         pick, spectra = pick[tell], radiance[tell] / self.cube.sigma
         # K-means begins with what comes first: in this order, that is no matter of where pixels lie
         order = np.argsort(spectra.mean(axis=1), kind="stable")
@@ -143,10 +146,11 @@ class Sample:
         cut = int(EXTREMES * len(ground))
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
         fit = _clusters(ground, k - len(skies), 3, self.seed)
-        spread = _principal(ground - fit.cluster_centers_[fit.labels_])
+        spread = _principal(ground - fit.cluster_centers_[fit.labels_]) * cube.sigma
+        spread = np.concatenate([spread, shine(self.hot, cube.dead.size)])
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
-            tuple(range(len(skies))), spread * cube.sigma, _principal(deviations) * cube.sigma,
+            tuple(range(len(skies))), spread, _principal(deviations) * cube.sigma,
             ERROR_K, **self.of_sky(),
         )  # fmt: skip
 
@@ -190,16 +194,10 @@ class Sample:
         return dict(sky_mean=mean * sigma, sky_spread=scatter * sigma)
 
 
-def _telling(radiance, wavelength_um):
-    """(n,) bool: which pixels of radiance (n, bands) tell what lights a scene: not the few that are
-    saturated or far hotter than all others."""
-    t = brightness_temperature(wavelength_um, radiance).mean(axis=1)
+def _not_saturated(radiance, wavelength_um):
+    """(n,) bool: which pixels of radiance (n, bands) are not, unless more than a few are."""
     full = saturated(HeatCube(radiance.T[:, None], wavelength_um)).ravel()
-    tell = np.ones(len(t), bool)
-    for few in (full, far_hotter(t)):
-        if few.mean() <= MOST:
-            tell &= ~few
-    return tell
+    return ~full if full.mean() <= MOST else np.ones(len(full), bool)
 
 
 def _sky_clusters(cube, library, spectra, row, seed):

@@ -11,19 +11,12 @@ SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
 # They are if their bands differ by UNEVEN_K more than those of the WARM: on 59 scenes outside the
 # test sets mirrors' did by 13 K and more, and where that would have moved the T of others, by 4
 WARM, WARMER_K, UNEVEN_K = 0.1, 12.0, 10.0
-# of the pixels, above the others, and of what is not just before a cold sky: fires, defects
-HOTTEST, FAR_K, HOT_K = 0.1, 50.0, 330.0
 V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
 
 
 def lighting_scale(k):
     """Standard deviation of each of k lighting factors."""
     return (V_PRECISION * k) ** -0.5
-
-
-def far_hotter(t):
-    """Which of temperatures t, K, are hot, and far above those of all but the HOTTEST."""
-    return t > max(np.quantile(t, 1 - HOTTEST, method="lower") + FAR_K, HOT_K)
 
 
 def scene_temperatures(cube):

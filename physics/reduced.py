@@ -136,15 +136,16 @@ class ReducedModel:
 
 
 def reduce_model(
-    cube: HeatCube, library: MaterialLibrary, environment: Environment
+    cube: HeatCube, library: MaterialLibrary, environment: Environment, temperatures=None
 ) -> ReducedModel:
-    """Build the reduced model; of the cube, its bands, noise and range of T.
+    """Build the reduced model; of the cube, its bands, noise and, unless others are given, the
+    Temperatures of its pixels.
 
     Raises InputError where library or environment are not for the cube's bands.
     """
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
     environment.check_bands(w)
-    t, of = _temperatures(cube, environment), _hypotheses(library, environment)
+    t, of = temperatures or _temperatures(cube, environment), _hypotheses(library, environment)
     nodes = quadrature(w, cube.fwhm_um)
     curves = library.at(nodes)
     curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
@@ -179,7 +180,7 @@ def reduce_model(
     )  # fmt: skip
 
 
-class _Temperatures(NamedTuple):
+class Temperatures(NamedTuple):
     """K: centre and half width of the allowed range of T, and T's prior."""
 
     mid: float
@@ -187,18 +188,20 @@ class _Temperatures(NamedTuple):
     prior_mean: float
     prior_sigma: float
 
+    @staticmethod
+    def of(darkest, brightest, usual, spread):
+        """Those of pixels that look like darkest to brightest, usual and their spread, all K."""
+        low, high = max(darkest - 40.0, 60.0), brightest + 60.0
+        sigma = max(MIN_TEMPERATURE_SPREAD_K, spread)
+        return Temperatures(0.5 * (high + low), 0.5 * (high - low), usual, sigma)
+
 
 def _temperatures(cube, environment):
     t = scene_temperatures(cube)
     # the darkest and the brightest that every band saw: no pixel lies beyond
     ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
     ends = brightness_temperature(cube.wavelength_um, ends.T).mean(axis=1)
-    low, high = max(ends[0] - 40.0, 60.0), ends[1] + 60.0
-    return _Temperatures(
-        mid=0.5 * (high + low), half=0.5 * (high - low),
-        prior_mean=usual_temperature(cube, environment),
-        prior_sigma=max(MIN_TEMPERATURE_SPREAD_K, float(t.std())),
-    )  # fmt: skip
+    return Temperatures.of(*ends, usual_temperature(cube, environment), float(t.std()))
 
 
 class _Hypotheses(NamedTuple):

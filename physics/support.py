@@ -34,10 +34,10 @@ def supported_count(cube, library, seed=0, assume_sky=True):
 
     assume_sky  whether a sky that is not in view may be assumed
     """
-    pixels = cube.measured_count
+    sample, found = Sample(cube, library, seed), {}
+    cube, pixels = sample.cube, sample.cube.measured_count
     pick = cube.random_pixels(np.random.default_rng([seed, 1]), SAMPLES)
     spectra = cube.pixels(pick).astype(np.float32)
-    sample, found = Sample(cube, library, seed), {}
     in_view = sample.sky.any()
     solid = np.flatnonzero(~library.mirrors(cube.wavelength_um))
     skies = [False]

@@ -64,6 +64,7 @@ def perfect(t, names=NAMES):
         unknown=np.zeros(material.shape, bool),
         saturated=np.zeros(material.shape, bool),
         dead=np.zeros(material.shape, bool),
+        hot=np.zeros(material.shape, bool),
         wavelength_um=t.wavelength_um,
         hue_deg=np.array([hues[n] for n in names]),
         netd_k=0.05,

@@ -290,12 +290,9 @@ def test_a_fire_is_no_noise(share):
     cold &= names_of(truth) != "sky"
     off = np.abs(d.temperature_k - truth.temperature_k)[cold]
     right = (names_of(d) == names_of(truth))[cold].mean()
-    # a large one also takes an environment object from the others
-    assert off.mean() < 0.5 and right > (0.7 if share < 0.05 else 0.5)
-    # T of the fire is cut off, and sigma says how far
+    assert off.mean() < 0.5 and right > 0.7
     fire = np.abs(d.temperature_k[part[1:]] - hot_k)
-    assert fire.mean() > 50 and (fire < 2 * d.temperature_sigma_k[part[1:]]).mean() > 0.85
-    assert d.unknown[part[1:]].mean() > 0.9
+    assert fire.mean() < 2 and (fire < 2 * d.temperature_sigma_k[part[1:]]).mean() > 0.85
 
 
 def test_the_command_says_so(tmp_path, capsys):

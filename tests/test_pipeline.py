@@ -276,7 +276,8 @@ def test_an_environment_of_another_type_gets_a_sentence(wrong):
 
 @pytest.mark.parametrize("hot_k", [900.0, 1500.0])
 def test_a_fire_does_not_blur_all_else(hot_k):
-    """A pixel far hotter than all others leaves their answers nearly as they are."""
+    """A pixel far hotter than all others leaves their answers nearly as they are: what it may light
+    is little."""
     d, cube = answer("net+sgd", 5, 24)
     s = cube.radiance.copy()
     s[:, 3, 3] = radiance(cube.wavelength_um, hot_k)
@@ -286,12 +287,12 @@ def test_a_fire_does_not_blur_all_else(hot_k):
     assert same.mean() > 0.97
     assert abs(burning.unknown.mean() - d.unknown.mean()) < 0.02
     off = np.abs(burning.temperature_k - d.temperature_k)[same]
-    assert np.median(off / d.temperature_sigma_k[same]) < 0.1
+    assert np.median(off / d.temperature_sigma_k[same]) < 0.15
 
 
 @pytest.mark.parametrize("size", [(8, 8), (40, 40)])
-def test_what_is_hotter_than_the_prior_reaches_is_unknown_and_leaves_the_rest(size, make_pixels):
-    """A twentieth of the picture at 1200 K, where the network's series of B(T) ends."""
+def test_what_is_far_hotter_is_solved_apart_and_leaves_the_rest(size, make_pixels):
+    """A twentieth of the picture at 1200 K, far beyond the network's series of B(T)."""
     scene = make_pixels(bands=24, shape=size)
     s = scene.cube.radiance.copy()
     hot = np.random.default_rng(0).permutation(size[0] * size[1])[: size[0] * size[1] // 20]
@@ -300,10 +301,8 @@ def test_what_is_hotter_than_the_prior_reaches_is_unknown_and_leaves_the_rest(si
     d = decompose(cube, scene.library, k=3, environment=scene.environment)
     burns = np.isin(np.arange(size[0] * size[1]), hot).reshape(size)
     off = np.abs(d.temperature_k - scene.temperature.reshape(size))
-    assert d.unknown[burns].all() and np.isfinite(d.temperature_k).all()
-    assert d.temperature_k.min() > 30 and np.median(off[~burns]) < 1.0
-    exact = decompose(cube, scene.library, k=3, environment=scene.environment, method="local")
-    assert np.abs(exact.temperature_k[burns] - 1200).max() < 60
+    assert np.array_equal(d.hot, burns) and np.median(off[~burns]) < 1.0
+    assert np.abs(d.temperature_k[burns] - 1200).max() < 60
 
 
 def test_what_is_no_cube_or_library_is_refused(make_pixels):

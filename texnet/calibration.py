@@ -33,8 +33,6 @@ from physics.environment import Environment
 from physics.errors import InputError
 from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.library import MaterialLibrary
-from physics.planck import brightness_temperature
-from physics.prior import far_hotter
 
 from .band_gains import FIRST, band_gains, ground
 from .correction import RIGHT, corrected, corrected_environment
@@ -67,7 +65,7 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     look      (Environment, HeatCube, seen, expected, regions, alike) -> maps of its pixels by a
               method, as `pipeline` has them
     library   MaterialLibrary of what may be seen
-    left_out  (height, width) bool: pixels that say nothing, being saturated or dead
+    left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
     in_view   whether the environment's sky, if it has one, is in view, not assumed
     """
     part = _sample(cube, left_out)
@@ -210,8 +208,7 @@ def _left(at, rises):
 
 def _sample(cube, left_out=None):
     """A HeatCube of about SAMPLES of its pixels, in rows and columns; row by row without those that
-    are left out, or far hotter than all others, for whose sake T would have to be sought far
-    away."""
+    are left out."""
     height, width = cube.shape
     good = np.ones(cube.shape, bool) if left_out is None else ~left_out
     pixels = min(SAMPLES * good.size // max(1, np.count_nonzero(good)), MOST_SAMPLES)
@@ -219,8 +216,7 @@ def _sample(cube, left_out=None):
     across = max(1, -(-height // down) * width // pixels)
     bands = scratch.parts(cube.radiance)
     radiance = np.stack([band[::down, ::across] for band in bands])
-    t = brightness_temperature(cube.wavelength_um[:, None, None], radiance).mean(axis=0)
-    good = good[::down, ::across] & ~far_hotter(t)
+    good = good[::down, ::across]
     there = np.flatnonzero(good)
     if 0 < there.size < good.size:
         columns = min(good.shape[1], there.size)

@@ -111,7 +111,7 @@ def _of_answer(d, cube):
         ),
         "sky_assumed": d.sky_assumed, "sky_objects": len(d.sky),
         "unknown": d.unknown[seen].mean(), "saturated": d.saturated[seen].mean(),
-        "dead": d.dead.mean(),
+        "dead": d.dead.mean(), "hot": d.hot[seen].mean(),
         "residual": np.median(d.residual[seen]), "seconds": d.seconds,
     }  # fmt: skip
 
@@ -169,11 +169,13 @@ def _runner(method, model, device):
         return Runtime(path).run
 
 
-def _of_pixels(saturated, dead):
+def _of_pixels(saturated, dead, hot):
     if saturated:
         yield f"Saturated    {100 * saturated:.2g} % of the pixels: unknown, and T a lower bound"
     if dead:
         yield f"Dead         {100 * dead:.2g} % of the pixels were not measured: unknown"
+    if hot:
+        yield f"Hot          {100 * hot:.2g} % of the pixels, far above the rest: solved apart"
 
 
 def _netd(r):
@@ -244,7 +246,7 @@ def _summary(r):
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the {'measured ' if r['dead'] else ''}pixels "
         "are marked unknown",
-        *_of_pixels(r["saturated"], r["dead"]),
+        *_of_pixels(r["saturated"], r["dead"], r["hot"]),
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]
     if "budget" in r:

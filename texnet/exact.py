@@ -1,9 +1,12 @@
 """local and sgd: every pixel and material exactly, and the semi-global refinement of that."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from physics import hot
 from physics.distill import distill
 from physics.local import solve_local
 from physics.planck import brightness_temperature
@@ -39,13 +42,6 @@ def solve(cube, library, environment, regions, smooth, report, lap):
     threads = numba.get_num_threads()
     solve_local(model, cube.pixels([0]), threads=1)  # compiled here, where it can be interrupted
 
-    def tile(part, _, corner):
-        spectra = part.reshape(cube.bands, -1).T
-        among = regions and regions.at(*corner)
-        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1, among=among)
-        answer = unsmoothed(local)
-        return _maps(part, library, environment, model, local, answer, LOCAL_TRUST, 1)
-
     with threadpool_limits(1, "blas"):  # whose threads would be in the way of ours
         if smooth:
             local = solve_local(model, cube.spectra, report("local"))
@@ -53,19 +49,39 @@ def solve(cube, library, environment, regions, smooth, report, lap):
             objective = Objective(model, cube, local)
             answer = refine(objective, objective.local_state(), report("refine"))
             lap("refine")
-            maps = _maps(
-                cube.radiance, library, environment, model, local, answer, SGD_TRUST, threads
-            )
+            maps = _maps(cube.radiance, model, local, answer, SGD_TRUST, threads)
             lap("texture")
             return maps | {"objective": answer.objective}
-        each = BYTES_PER_MATERIAL * len(library) + BYTES_PER_BAND * cube.bands
-        pixels = TILE_BYTES / threads / each
-        maps = run_tiled(
-            tile, cube.radiance, 0, pixels, report("local"), at_once=threads,
-            cuts=regions and regions.cuts,
-        )  # fmt: skip
+        maps = _by_tiles(model, cube.radiance, threads, regions, report("local"))
         lap("local")
         return maps
+
+
+def solve_hot(cube, radiance, library, environment):
+    """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, of
+    radiance (bands, n), as `physics.hot` parts them."""
+    noisy = replace(cube, netd_k=hot.netd_k(cube, radiance))
+    of_hot = hot.temperatures(cube.wavelength_um, radiance)
+    model = reduce_model(noisy, library, environment, of_hot)
+    with threadpool_limits(1, "blas"):
+        maps = _by_tiles(model, radiance[:, None], numba.get_num_threads())
+    return {name: a[..., 0, :] for name, a in maps.items()}
+
+
+def _by_tiles(model, radiance, threads, regions=None, progress=None):
+    """Maps of radiance (bands, height, width), each pixel by itself."""
+    bands = len(radiance)
+
+    def tile(part, _, corner):
+        spectra = part.reshape(bands, -1).T
+        among = regions and regions.at(*corner)
+        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1, among=among)
+        return _maps(part, model, local, unsmoothed(local), LOCAL_TRUST, 1)
+
+    each = BYTES_PER_MATERIAL * len(model.library) + BYTES_PER_BAND * bands
+    cuts = regions and regions.cuts
+    pixels = TILE_BYTES / threads / each
+    return run_tiled(tile, radiance, 0, pixels, progress, at_once=threads, cuts=cuts)
 
 
 def _temperature_at_sky(spectra, library, model, local, state, sky):
@@ -82,8 +98,8 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
     return t, sigma
 
 
-def _maps(radiance, library, environment, model, local, answer, trust, threads):
-    state, bands = answer.state, len(radiance)
+def _maps(radiance, model, local, answer, trust, threads):
+    state, bands, library = answer.state, len(radiance), model.library
     trust = min(1.0, trust * bands**-0.5)
     probability = answer.probability**trust
     probability /= probability.sum(axis=1, keepdims=True)
@@ -91,7 +107,7 @@ def _maps(radiance, library, environment, model, local, answer, trust, threads):
     texture, sky_texture, residual = distill(
         model, spectra, state.row, state.temperature_k, state.thermal_lighting, threads
     )
-    sky = state.material == (library.sky_index if environment.sky_mean is not None else -1)
+    sky = state.material == (library.sky_index if model.environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
     t, own_sigma = state.temperature_k.copy(), answer.sigma_k.copy()
     if sky.any():

@@ -29,9 +29,9 @@ FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "m
 NPZ_KEYS = (
     "temperature_k", "material", "material_names", "thermal_lighting", "environment", "texture",
     "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
-    "saturated", "dead", "wavelength_um", "spectral_shift_um", "gain", "band_gains", "offset_k",
-    "hue_deg", "sky", "sky_assumed", "netd_k", "noise_raised", "calibration_error_k", "left_out",
-    "environment_error_k",
+    "saturated", "dead", "hot", "wavelength_um", "spectral_shift_um", "gain", "band_gains",
+    "offset_k", "hue_deg", "sky", "sky_assumed", "netd_k", "noise_raised", "calibration_error_k",
+    "left_out", "environment_error_k",
 )  # fmt: skip
 
 

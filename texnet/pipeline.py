@@ -9,6 +9,8 @@ at what materials there are and where, and then
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
                distilled texture, with how sure each part is
+
+Pixels that are far hotter than the rest are taken out before, and solved apart (`physics.hot`).
 """
 
 import time
@@ -17,6 +19,7 @@ from functools import partial
 
 import numpy as np
 
+from physics import hot, scratch
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment, with_sky_in_view
@@ -65,6 +68,7 @@ class Decomposition:
                           saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
     dead                  True where nothing was measured: maps are a guess by the nearest spectrum
+    hot                   True where a pixel is far hotter than the rest, and was solved apart
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
     gain, offset_k        of the camera, and
@@ -98,6 +102,7 @@ class Decomposition:
     unknown: np.ndarray
     saturated: np.ndarray
     dead: np.ndarray
+    hot: np.ndarray
     wavelength_um: np.ndarray
     hue_deg: np.ndarray
     netd_k: float
@@ -173,6 +178,7 @@ def decompose(
     whole = cube.wavelength_um
     cube, left_out, shift, stated, camera_k = prepared(cube, library)
     floor = cube.netd_k / camera_k
+    dead, beyond = cube.dead, saturated(cube)
     if environment is not None:
         environment = environment.only(np.isin(whole, stated))
         environment = replace(environment, wavelength_um=cube.wavelength_um)
@@ -184,8 +190,8 @@ def decompose(
         with compiling(progress):
             k = supported_count(cube, library, seed, assume_sky=method != "net")
         lap("k")
-    dead, beyond = cube.dead, saturated(cube)
     untold = dead | beyond
+    cold, burns, burning = hot.parted(cube)
     given, shown, assumed, error_k = environment, RIGHT, False, 0.0
     estimate = partial(estimate_environment, library=library, k=k, seed=seed)
     environment = environment or estimate(cube)
@@ -202,27 +208,34 @@ def decompose(
     if method != "net":
         with compiling(None if nets else progress):
             if given is not None:
-                shown, error_k = of_given(cube, environment, look, library, untold)
+                shown, error_k = of_given(cold, environment, look, library, untold | burns)
                 environment = environment.off_by(error_k) if error_k else environment
             else:
                 shown, assumed, environment = _calibration_or_sky(
-                    cube, environment, estimate, look, library, untold
+                    cold, environment, partial(estimate, cube), look, library, untold | burns
                 )
         if shown != RIGHT:
             cube = corrected(cube, shown)
+            cold, burns, burning = hot.parted(cube)
             if given is None:
                 environment = estimate(cube, assume_sky=assumed)
         lap("calibration")
     with compiling(None if nets else progress):
         maps = glance.answer(
-            partial(run, environment), partial(look, environment), cube, len(library), expects=nets
+            partial(run, environment), partial(look, environment), cold, len(library), expects=nets
         )
+        if burns.any():
+            from .exact import solve_hot
+
+            for name, a in solve_hot(cold, burning, library, environment).items():
+                maps[name][..., burns] = a
+                scratch.release(maps[name])
     if nets:
         lap("network")
     maps = _doubted(maps, cube, shown, calibration_error_k, untold)
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
-        saturated=beyond, dead=dead,
+        saturated=beyond, dead=dead, hot=burns,
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         sky_assumed=assumed,
@@ -238,7 +251,7 @@ def _calibration_or_sky(cube, environment, estimate, look, library, untold):
     """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
     Environment with it or without."""
     shown = calibration(cube, environment, look, library, untold)
-    if environment.sky or not (under := estimate(cube, assume_sky=True)).sky:
+    if environment.sky or not (under := estimate(assume_sky=True)).sky:
         return shown, False, environment
     if not under_a_sky(cube, environment, shown, under, look, library, untold):
         return shown, False, environment

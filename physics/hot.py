@@ -1,0 +1,66 @@
+"""Pixels far hotter than the rest: fires, flares, furnaces.
+
+What is usual in a scene says nothing of their temperature; and as one of its k objects, of which
+any pixel may mirror any share, they would explain all that is warm as a mirror of them. So they are
+taken out, as if they were dead, and solved apart, by what is usual among themselves. On all pixels
+they shine as a deviation of the surroundings: of their mean, their share of the picture, LIT at
+most, is one standard deviation. Curves and bands are known to a share of the radiance, KNOWN, which
+of such pixels is far more than the camera's noise.
+
+Found on 21 path-traced scenes of no split in 9 and 54 bands, in each of which an object of 0.4 to
+44 % of the pixels was 300 K hotter than before. LIT from 0.05 to 0.2 was as good, 0.02 worse.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from . import scratch
+from .heat_cube import MAX_NETD_K
+from .planck import brightness_temperature, radiance, radiance_derivative
+from .reduced import Temperatures
+
+FAR_K, HOT_K = 50.0, 350.0  # above half of the pixels, and above what the sun heats
+LIT, KNOWN = 0.05, 0.005
+
+
+def far_hotter(cube):
+    """(height, width) bool, the pixels of a HeatCube that are far hotter than half of it, by its
+    middle band; dead ones are not."""
+    middle = cube.bands // 2
+    band, w = cube.radiance[middle], cube.wavelength_um[middle]
+    usual = brightness_temperature(w, np.median(band[~cube.dead]))
+    return (band > radiance(w, max(usual + FAR_K, HOT_K))) & ~cube.dead
+
+
+def parted(cube):
+    """A HeatCube without the pixels that are far hotter than the rest (itself if there are none),
+    which (height, width) those are, and their radiance (bands, n)."""
+    hot = far_hotter(cube)
+    if not hot.any():
+        return cube, hot, np.empty((cube.bands, 0), np.float32)
+    alone = scratch.empty((cube.bands, np.count_nonzero(hot)), np.float32)
+    for to, band in zip(alone, scratch.parts(cube.radiance), strict=True):
+        to[:] = band[hot]
+    return replace(cube, dead=cube.dead | hot), hot, alone
+
+
+def shine(hot, pixels):
+    """(d, bands) deviation of the surroundings for hot (bands, n), of so many pixels in all; d is
+    1, or 0 if there are none."""
+    share = hot.shape[1] / pixels
+    return min(LIT, share) * hot.mean(axis=1, dtype=np.float64)[None] if share else hot.T
+
+
+def netd_k(cube, hot):
+    """K at 300 K: noise of a HeatCube that hot (bands, n) have, as far as it is KNOWN."""
+    off = np.median(hot, axis=1) / radiance_derivative(cube.wavelength_um, 300.0)
+    return min(float(np.hypot(cube.netd_k, KNOWN * off.mean())), MAX_NETD_K)
+
+
+def temperatures(wavelength_um, hot):
+    """The Temperatures of hot (bands, n)."""
+    t = brightness_temperature(wavelength_um[:, None], hot)
+    mean = t.mean(axis=0)
+    usual = float(np.median(t.max(axis=0)))
+    return Temperatures.of(float(mean.min()), float(mean.max()), usual, float(mean.std()))

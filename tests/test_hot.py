@@ -1,0 +1,100 @@
+"""Fires and furnaces: pixels far hotter than the rest are solved apart, and spoil no others."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from physics.bands import equidistant_bands
+from physics.estimate import estimate_environment
+from physics.heat_cube import HeatCube
+from physics.hot import far_hotter, parted, shine
+from physics.library import MaterialLibrary
+from physics.planck import radiance
+from physics.simulator import trace_scene
+from physics.simulator.presets import preset
+from tests.traced import names_of, traced
+from texnet.pipeline import METHODS, decompose
+
+LIBRARY = MaterialLibrary.starter()
+
+
+@cache
+def fire(bands):
+    """HeatCube and Truth of `random` with an object 300 K hotter, whose light the paths carry."""
+    scene = preset("random", 5_000_009)
+    objects = list(scene.objects)
+    objects[1] = replace(objects[1], temperature_k=objects[1].temperature_k + 300)
+    scene = replace(scene, objects=objects)
+    return trace_scene(scene, (72, 96), 32, 1, LIBRARY).shade(
+        LIBRARY, *equidistant_bands(bands), 0.05
+    )
+
+
+@pytest.mark.parametrize("bands", [9, 36])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_fire_gets_its_temperature_and_its_material(bands, method):
+    cube, truth = fire(bands)
+    d = decompose(cube, method=method)
+    fire_k = truth.temperature_k > 450
+    assert 0.01 < fire_k.mean() < 0.2 and (d.hot & fire_k).sum() == fire_k.sum()
+    off = np.abs(d.temperature_k - truth.temperature_k)
+    right = names_of(d) == names_of(truth)
+    assert np.median(off[fire_k]) < 1.5 and right[fire_k].mean() > 0.9
+    ground = ~d.hot & (names_of(truth) != "sky")
+    assert np.median(off[ground]) < 0.5
+    assert right[ground].mean() > (0.8 if method in ("net+sgd", "sgd") else 0.7)
+    assert (off < 2 * d.temperature_sigma_k)[fire_k | ground].mean() > 0.9
+
+
+def test_a_fire_is_no_object_that_lights_the_scene():
+    """As one of k it would explain all that is warm, as a mirror of it."""
+    cube, truth = fire(36)
+    e = estimate_environment(cube, LIBRARY)
+    hottest = radiance(cube.wavelength_um, np.nanmax(np.where(far_hotter(cube), 0, 330.0)))
+    assert (e.radiance < hottest).all()
+    burning = cube.radiance[:, far_hotter(cube)].mean(axis=1)
+    along = e.spread @ burning / np.linalg.norm(burning) / np.linalg.norm(e.spread, axis=1)
+    assert np.abs(along).max() > 0.999
+
+
+def test_without_a_fire_nothing_is_parted():
+    cube = traced("forest")[0]
+    cold, hot, alone = parted(cube)
+    assert cold is cube and not hot.any() and alone.shape == (cube.bands, 0)
+    assert shine(alone, cube.dead.size).shape == (0, cube.bands)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.45])
+def test_black_bodies_far_hotter_are_told_by_planck_alone(share):
+    """Whatever surrounds them; up to half of the picture."""
+    cube = traced("patterned", 24, (24, 36))[0]
+    rng, s = np.random.default_rng(0), cube.radiance.copy()
+    hot = rng.random(cube.shape) < share
+    t = rng.uniform(450, 1500, np.count_nonzero(hot))
+    s[:, hot] = radiance(cube.wavelength_um[:, None], t)
+    black = MaterialLibrary(("black", "half"), [7.0, 15.0], [[1.0, 1.0], [0.5, 0.5]])
+    d = decompose(replace(cube, radiance=s), black, method="local", k=2)
+    assert np.array_equal(d.hot, hot)
+    assert (d.material[hot] == 0).mean() > 0.95
+    of_black = np.abs(d.temperature_k[hot] - t)[d.material[hot] == 0]
+    assert of_black.max() < 1
+
+
+def test_the_share_of_the_picture_is_what_a_fire_may_light():
+    hot = np.full((3, 4), 100.0)
+    assert shine(hot, 400) == pytest.approx(np.ones((1, 3)))
+    assert shine(hot, 8) == pytest.approx(5 * np.ones((1, 3)))
+
+
+def test_hot_pixels_are_those_far_above_half_of_the_picture_and_the_sun():
+    w = np.array([9.0, 10.0, 11.0])
+    t = np.full((10, 10), 300.0)
+    t[0, :4], t[1, :4], t[2, 0] = 349.0, 352.0, 900.0
+    dead = np.zeros(t.shape, bool)
+    dead[2, 0] = True
+    cube = HeatCube(radiance(w[:, None, None], t), w, netd_k=0.05, dead=dead)
+    assert np.array_equal(far_hotter(cube), t == 352.0)
+    warm = HeatCube(radiance(w[:, None, None], t + 20), w, netd_k=0.05, dead=dead)
+    assert np.array_equal(far_hotter(warm), t == 352.0)  # 372 K, 52 above the others; not 369 K
