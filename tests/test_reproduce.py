@@ -7,9 +7,7 @@ from types import SimpleNamespace
 import matplotlib.image
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import least_squares
 from traced import one_thread, traced  # noqa: F401
 
 import texnet.cli
@@ -140,21 +138,6 @@ def test_the_marked_pixel_is_of_its_material_and_so_are_its_neighbours(forest):
 
 
 # --- distillation ------------------------------------------------------------------------
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.integers(1, 5), st.integers(0, 2**32 - 1))
-def test_fitted_lighting_is_the_least_squares_one_on_the_simplex(k, seed):
-    rng = np.random.default_rng(seed)
-    environment, x = rng.uniform(1, 9, (k, 12)), rng.uniform(0, 10, (20, 12))
-    v = distill.fit_lighting(x, environment)
-    assert (v >= 0).all() and np.allclose(v.sum(axis=1), 1)
-    heavy = 1e4 * np.ones(k)  # a sum of one, nearly, as one more equation
-    for own, spectrum in zip(v, x, strict=True):
-        slow = nnls(np.vstack([environment.T, heavy]), np.append(spectrum, 1e4))[0]
-        assert np.allclose(own, slow, atol=1e-4)
-    mixed = rng.dirichlet(np.ones(k), 20)
-    assert np.allclose(distill.fit_lighting(mixed @ environment, environment), mixed, atol=1e-6)
 
 
 def test_light_is_split_without_loss_and_the_true_answer_leaves_little(forest):

@@ -19,8 +19,6 @@ the logarithms (leaves against the sky are mixed pixels, with residuals hundreds
 others), and the medians of both.
 """
 
-from itertools import combinations
-
 import numpy as np
 from matplotlib.colors import LogNorm
 
@@ -33,6 +31,7 @@ from texnet.metrics import correlation, non_sky
 from texnet.pipeline import decompose
 
 from . import common
+from .errors import best_lighting
 
 K = 5
 RADIANCE, NOISE = "W/m²/sr/µm", "noise units"
@@ -77,7 +76,7 @@ def _residuals(cube, truth, answer, library):
     delta = np.empty((2, len(t)))
     for start in range(0, len(t), PIXELS_PER_GROUP):
         b = slice(start, start + PIXELS_PER_GROUP)
-        fitted = fit_lighting(true_x[b] / sigma, answer.environment / sigma)
+        fitted = best_lighting(true_x[b] / sigma, answer.environment / sigma)
         answers = (t[b], curves[answer.material.ravel()[b]], v[b]), (true_t[b], true_e[b], fitted)
         for d, tev in zip(delta, answers, strict=True):
             s, _ = render(*tev, answer.environment, cube.wavelength_um)
@@ -94,27 +93,6 @@ def measure(name, estimate, true, mask):
         "estimated_median": float(np.median(estimate[mask])),
         "true_median": float(np.median(true[mask])),
     }  # fmt: skip
-
-
-def fit_lighting(x, environment):
-    """V (P, k) >= 0 of sum 1 with the least |V S - x| for x (P, bands) and S (k, bands).
-
-    Exact: of the least-squares fits by each subset of objects the best without a negative V.
-    """
-    k, best = len(environment), np.full(len(x), np.inf)
-    lighting, gram, b = np.zeros((len(x), k)), environment @ environment.T, x @ environment.T
-    for n in range(1, k + 1):
-        for objects in map(list, combinations(range(k), n)):
-            # stationary with sum V = 1:  G V + lambda = b
-            system = np.ones((n + 1, n + 1))
-            system[:n, :n], system[n, n] = gram[np.ix_(objects, objects)], 0
-            sides = np.concatenate([b[:, objects], np.ones((len(x), 1))], axis=1)
-            v = (sides @ np.linalg.inv(system).T)[:, :n]
-            fit = ((v @ gram[np.ix_(objects, objects)]) * v).sum(1) - 2 * (v * b[:, objects]).sum(1)
-            better = (v >= 0).all(axis=1) & (fit < best)
-            best[better], lighting[better] = fit[better], 0.0
-            lighting[np.ix_(better, objects)] = v[better]
-    return lighting
 
 
 # --- drawing -----------------------------------------------------------------------------
