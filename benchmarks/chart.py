@@ -1,6 +1,6 @@
 """Accuracy against time: texnet's methods beside what a user would take instead.
 
-    python -m benchmarks.chart --out DIR [--network FILE.safetensors ...]   (or: texnet bench chart)
+    texnet bench chart --out DIR [--network FILE.safetensors ...]
 
 Five random test scenes and `forest`, 128 x 160 pixels, path-traced once and shaded in 4, 18 and
 54 bands over 8-14 um, noise 50 mK, the starter library of 30 materials. In one run, in turn, on
@@ -27,10 +27,8 @@ quartiles and the Pareto front; methods.csv, the errors that `texnet decompose -
 A stopped run goes on after the last whole scene that was measured with the same settings.
 """
 
-import argparse
 import time
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numba
@@ -191,10 +189,10 @@ def measure(out, networks=(), progress=None):
 
     Raises InputError where a network cannot be read.
     """
+    methods, made = all_methods(networks), settings(*networks)
     out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
-    methods, made = all_methods(networks), settings(*networks)
     wanted = {(str(b), m) for b in BANDS for m in methods}
     rows = _whole_scenes(read_csv(out / "chart.csv", made), wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
@@ -382,19 +380,3 @@ def table(summary):
     yield f"{'bands':>5} {'method':24}" + "".join(f"{n[:20]:>22}" for n in SHOWN)
     for r in summary:
         yield f"{r['bands']:5d} {r['method']:24}" + "".join(f"{r[n]:22.3f}" for n in SHOWN)
-
-
-def main():
-    from texnet.progress import progress_bar
-
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--network", type=Path, action="append", default=[])
-    args = parser.parse_args()
-    with progress_bar() as report:
-        result = measure(args.out, args.network, report)
-    print("\n".join(table(result["medians"])))
-
-
-if __name__ == "__main__":
-    main()

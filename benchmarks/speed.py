@@ -1,6 +1,6 @@
 """How fast, side by side with what people use today, and with what limits it.
 
-    python -m benchmarks.speed --out DIR [--json]          (or: texnet bench speed)
+    texnet bench speed --out DIR [--large]
 
 The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` of half
 the size on each side, repeated), the starter library of 30 materials, an estimated environment of
@@ -25,7 +25,6 @@ fitted to log time (growth.png). Writes speed.json. --large adds a cube of 4096 
 the commands, which takes 20 GB of disk.
 """
 
-import argparse
 import json
 import platform
 import subprocess
@@ -46,6 +45,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import ONNX
 from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
+from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
@@ -109,11 +109,9 @@ def timed(what, pixels, run, repeats=REPEATS):
 # --- texnet, its peers and its limits -----------------------------------------------------
 
 
-def methods(cube, library):
-    """Rows of texnet's methods on the whole frame."""
-    from export.runtime import Runtime
-
-    run, net = Runtime(ONNX, threads=THREADS).run, torch_model(refined=False)
+def methods(cube, library, run):
+    """Rows of texnet's methods on the whole frame; run is of the ONNX file."""
+    net = torch_model(refined=False)
     pixels = cube.shape[0] * cube.shape[1]
     rows = [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
@@ -308,11 +306,9 @@ def _command(what, words):
     return {"what": what, "seconds": float(out[0]), "peak_bytes": 1024 * int(out[1])}
 
 
-def growth(traced, library):
-    """Rows: seconds of local, of net+sgd and of the simulator while one size grows."""
-    from export.runtime import Runtime
-
-    run = Runtime(ONNX, THREADS).run
+def growth(traced, library, run):
+    """Rows: seconds of local, of net+sgd and of the simulator while one size grows; run is of the
+    ONNX file."""
     for axis, sizes in GROWTH.items():
         for n in sizes:
             side = n if axis == "pixels" else GROWTH_SIDE
@@ -381,7 +377,14 @@ def _draw(rows, fitted, path):
 
 
 def measure(out, large=False, say=print):
-    """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json."""
+    """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json.
+
+    large  a cube of 4096 x 4096 pixels, too
+    say    called with each line of text as it is known
+
+    Raises InputError where the network cannot be read.
+    """
+    run = Runtime(ONNX, THREADS).run
     out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
@@ -390,7 +393,7 @@ def measure(out, large=False, say=print):
     traced = trace_scene(preset("forest", 7), tuple(n // PIECE for n in FRAME), 16, 7, library)
     cube = frame(traced, library)
     environment = estimate_environment(cube, library, K)
-    rows = methods(cube, library)
+    rows = methods(cube, library, run)
     rows += [scipy_fit(cube, library, environment), pan_forward(cube)]
     rows += limits(cube, library, environment)
     per = {r["what"]: r["seconds_per_megapixel"] for r in rows}
@@ -409,7 +412,7 @@ def measure(out, large=False, say=print):
     whole = commands(traced, library, large)
     for row in whole:
         say(f"{row['what']:40} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
-    grown = list(growth(traced, library))
+    grown = list(growth(traced, library, run))
     fitted = exponents(grown)
     result = {
         "rows": rows, "ratios": ratios, "frame_seconds": frames, "commands": whole,
@@ -435,18 +438,3 @@ def _versions():
         except PackageNotFoundError:
             found[name] = None
     return found
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--large", action="store_true", help="a cube of 3.6 GB, too; 20 GB of disk")
-    parser.add_argument("--json", action="store_true", help="print speed.json last")
-    args = parser.parse_args()
-    result = measure(args.out, args.large)
-    if args.json:
-        print(json.dumps(result, default=float))
-
-
-if __name__ == "__main__":
-    main()

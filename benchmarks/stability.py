@@ -1,6 +1,6 @@
 """Where methods fail: errors of every method from easy to hopeless, and what sigma says of them.
 
-    python -m benchmarks.stability --out DIR [--json]      (or: texnet bench stability)
+    texnet bench stability --out DIR [--axes AXIS ...]
 
 One difficulty at a time is turned up (AXES) on path-traced test scenes, 50 mK and 54 bands
 unless that is the difficulty, in pictures of 72 x 96 pixels; the environment is estimated from
@@ -27,12 +27,9 @@ what is said of that material's pixels where the library lacks it:
 atlas.png shows the axes; atlas.md has the figures, and lists the faults (`benchmarks.atlas`).
 """
 
-import argparse
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -40,6 +37,7 @@ from benchmarks import ONNX
 from benchmarks.accuracy import RANDOM_SCENES, test_scenes
 from benchmarks.atlas import draw, faults, page
 from benchmarks.rows import read_csv, settings, write_csv
+from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -52,7 +50,6 @@ from physics.simulator.presets import preset
 from physics.simulator.sensor import add_noise
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
-from texnet.progress import progress_bar
 from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS, NETD_K, K = (72, 96), 64, 54, 0.05, 5
@@ -492,20 +489,25 @@ def _value(text):
         return text
 
 
-def measure(out, axes=tuple(AXES), progress=None):
+def measure(out, axes=None, progress=None):
     """Write stability.csv, missing.csv, atlas.png and atlas.md into the folder out -> the rows of
     the first two and sentences on faults.
 
+    axes      names in AXES; None: all of them
     progress  called as progress(done, total, what) after each level; what this code and machine
               left in the tables already is not measured again
-    """
-    from export.runtime import Runtime
 
+    Raises InputError where an axis is unknown or the network cannot be read.
+    """
+    axes = AXES if axes is None else axes
+    unknown = [name for name in axes if name not in AXES]
+    if unknown:
+        raise InputError(f"stability: no axis {unknown[0]!r} among {'; '.join(AXES)}.")
+    model = Runtime(ONNX).run
     out.mkdir(parents=True, exist_ok=True)
     library, made = MaterialLibrary.starter(), settings()
     rows = _read(out / "stability.csv", made)
     known = {(r["axis"], r["level"], r["scene"]) for r in rows}
-    model = Runtime(ONNX).run
     jobs = [
         (axis, level, view) for axis in axes for view in AXES[axis].views
         for level in AXES[axis].levels
@@ -534,20 +536,3 @@ def measure(out, axes=tuple(AXES), progress=None):
 def _read(table, made):
     """The rows of a table that were made with these settings."""
     return [{name: _value(text) for name, text in row.items()} for row in read_csv(table, made)]
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--axes", nargs="+", choices=AXES, default=tuple(AXES))
-    parser.add_argument("--json", action="store_true", help="print the rows and faults last")
-    args = parser.parse_args()
-    with progress_bar() as report:
-        rows, missing, wrong = measure(args.out, args.axes, report)
-    print("\n".join(wrong or ["no faults"]))
-    if args.json:
-        print(json.dumps({"rows": rows, "missing": missing, "faults": wrong}, default=float))
-
-
-if __name__ == "__main__":
-    main()

@@ -262,10 +262,17 @@ def _parser():
     text = "speed beside the peers and the limits; up to twelve minutes"
     p = add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
-
+    p.add_argument(
+        "--large", action="store_true",
+        help="a cube of 3.6 GB, too: five minutes more, and 20 GB of disk",
+    )  # fmt: skip
     text = "where methods fail, and whether they say so; an hour"
     p = add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
+    p.add_argument(
+        "--axes", metavar="AXIS", nargs="+",
+        help="some of the difficulties, by their names in docs/atlas.md, default: all",
+    )  # fmt: skip
     text = "accuracy against time beside the peers; up to 17 minutes"
     p = add(actions, "chart", commands.bench_chart, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")

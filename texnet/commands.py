@@ -287,7 +287,7 @@ def bench_speed(args):
     from .outputs import check_directory
 
     check_directory(args.out, names=("speed.json", "growth.csv", "growth.png"))
-    result = measure(args.out)
+    result = measure(args.out, args.large)
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
 
 
@@ -299,7 +299,7 @@ def bench_stability(args):
 
     check_directory(args.out, names=("stability.csv", "missing.csv", "atlas.png", "atlas.md"))
     with progress_bar() as report:
-        rows, missing, faults = measure(args.out, progress=report)
+        rows, missing, faults = measure(args.out, args.axes, report)
     files = f"{args.out}: stability.csv, missing.csv, atlas.png, atlas.md."
     text = "\n".join([*faults, files])
     return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
