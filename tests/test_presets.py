@@ -13,7 +13,6 @@ from physics.library import MaterialLibrary
 from physics.simulator import geometry as g
 from physics.simulator.presets import PRESETS, preset
 from physics.simulator.presets.patches import patches
-from physics.simulator.presets.random_scene import MATERIALS
 
 TRIANGLES = {  # fewest and most that each preset may have
     "forest": (100e3, 500e3), "street": (100e3, 500e3), "patches": (100e3, 500e3),
@@ -113,10 +112,10 @@ RANDOM_SEEDS = range(100, 114)
 
 
 def test_random_scenes_differ_and_use_the_library():
-    assert set(MATERIALS) == set(MaterialLibrary.starter().names) - {"sky"}
     scenes = [scene_of("random", s) for s in RANDOM_SEEDS]
     assert 1 <= sum(s.atmosphere is None for s in scenes) <= 10
-    assert len({o.material for s in scenes for o in s.objects}) > 18
+    used = {o.material for s in scenes for o in s.objects}
+    assert len(used) > 18 and used <= set(MaterialLibrary.starter().names) - {"sky"}
     assert len({s.camera.target for s in scenes}) == len(scenes)
     for seed in RANDOM_SEEDS:
         triangles = sum(len(o.mesh.faces) for o in scene_of("random", seed).objects)

@@ -7,42 +7,12 @@ one scene in seven is a closed room without sky. Under 150 thousand triangles.
 
 import numpy as np
 
+from ...library import SKY, MaterialLibrary
 from ...sky import Atmosphere
 from .. import geometry as g
 from ..scene import Camera, Scene, SceneObject
 from .temperature import blobs, checks, stripes, temperature_field
 
-MATERIALS = (
-    "water",
-    "ice",
-    "snow",
-    "foliage",
-    "grass",
-    "bark",
-    "wood",
-    "soil",
-    "sand",
-    "clay",
-    "granite",
-    "limestone",
-    "sandstone",
-    "plaster",
-    "concrete",
-    "asphalt",
-    "brick",
-    "glass",
-    "ceramic",
-    "white_paint",
-    "aluminium",
-    "steel",
-    "rust",
-    "rubber",
-    "pvc",
-    "polystyrene",
-    "fabric",
-    "skin",
-    "copper",
-)
 INDOORS = 0.15  # share of closed rooms
 
 
@@ -175,7 +145,8 @@ _GROUNDS = (
 
 
 def _pick(rng, usual):
-    return str(rng.choice(usual if rng.random() < 0.5 else MATERIALS))
+    any_ = [name for name in MaterialLibrary.starter().names if name != SKY]
+    return str(rng.choice(usual if rng.random() < 0.5 else any_))
 
 
 def _temperature(rng, m, mean_k):
