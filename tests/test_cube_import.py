@@ -213,6 +213,13 @@ def test_pixels_that_hold_the_ignore_value_are_dead(tmp_path, in_parts):
     check_same(import_cube(envi(tmp_path / "a", s, data_ignore_value="NaN"), "W/m2/sr/um")[0])
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
+def test_a_header_may_be_latin_1(tmp_path, encoding):
+    path = envi(tmp_path / "a", S, wavelength_units="µm", description="{nuit à Orléans}")
+    path.write_text(path.read_text(encoding="utf-8"), encoding=encoding)
+    check_same(import_cube(path, "W/m2/sr/um")[0])
+
+
 @pytest.mark.parametrize(
     "names", [("n.img", "n.hdr"), ("n.dat.hdr", "n.dat"), ("N.HDR", "n"), ("n.sc", "n.sc.hdr")]
 )

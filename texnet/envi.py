@@ -217,7 +217,11 @@ class _Header:
         self.path, self.of = path, of
         with open(path, "rb") as file:
             raw = file.read(MOST_HEADER + 1)
-        lines = iter(raw.decode("utf-8-sig", "replace").splitlines())
+        try:
+            text = raw.decode("utf-8-sig")
+        except UnicodeDecodeError:  # as older programs write the micro sign
+            text = raw.decode("latin-1")
+        lines = iter(text.splitlines())
         if len(raw) > MOST_HEADER or next(lines, "").strip().upper() != "ENVI":
             raise self.error("its first line must be ENVI")
         self.fields = {}
