@@ -18,6 +18,7 @@ from texnet import raw_cube
 from texnet.cli import main
 from texnet.cube_import import import_cube
 from texnet.cube_io import read_cube, write_cube
+from texnet.envi import read_envi
 from texnet.raw_cube import UNITS
 
 ANY = settings(
@@ -211,6 +212,13 @@ def test_pixels_that_hold_the_ignore_value_are_dead(tmp_path, in_parts):
     path = envi(tmp_path / "a", s, data_ignore_value=-9999)
     check_same(import_cube(path, "W/m2/sr/um")[0])
     check_same(import_cube(envi(tmp_path / "a", s, data_ignore_value="NaN"), "W/m2/sr/um")[0])
+
+
+def test_a_binary_without_its_header_is_refused(tmp_path):
+    path = envi(tmp_path / "a", S)
+    path.unlink()
+    with pytest.raises(InputError, match=r"cube: there is no header, a\.hdr, beside"):
+        read_envi(tmp_path / "a.dat")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])

@@ -51,10 +51,7 @@ def read_envi(path):
 
     Raises InputError if one of the two is missing, or they do not fit each other.
     """
-    path = Path(path)
-    is_header = path.suffix.lower() == ".hdr"
-    header = _Header(path if is_header else header_of(path), "cube")
-    binary = _binary_of(path, "cube") if is_header else path
+    header, binary = _pair(Path(path), "cube")
     bands = header.whole("bands", least=1)
     dtype, interleave, numbers, unread = _numbers(header, binary, CUBES)
     words = [f"{unread} bytes after the last pixel left unread"] if unread else []
@@ -99,13 +96,7 @@ def read_spectra(path):
     Raises InputError if one of the two is missing, they do not fit each other, or they do not say
     at which wavelengths the spectra are.
     """
-    path = Path(path)
-    is_header = path.suffix.lower() == ".hdr"
-    beside = path if is_header else header_of(path)
-    if beside is None:
-        raise InputError(f"library: there is no header, {path.stem}.hdr, beside {path}.")
-    header = _Header(beside, "library")
-    binary = _binary_of(path, "library") if is_header else path
+    header, binary = _pair(Path(path), "library")
     dtype, _, numbers, _ = _numbers(header, binary, LIBRARIES)
     gain, offset, _ = _scale(header, 1)
     raw = numbers()
@@ -125,6 +116,16 @@ def read_spectra(path):
         )
     names = tuple(name.strip() for name in names)
     return Spectra(names, values, centre, axis, header.word("y axis title", ""))
+
+
+def _pair(path, of):
+    """The _Header and the binary's path of an ENVI file, given the path of either."""
+    if path.suffix.lower() == ".hdr":
+        return _Header(path, of), _binary_of(path, of)
+    header = header_of(path)
+    if header is None:
+        raise InputError(f"{of}: there is no header, {path.stem}.hdr, beside {path}.")
+    return _Header(header, of), path
 
 
 def header_of(path):
