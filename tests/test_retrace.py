@@ -111,6 +111,25 @@ def test_several_materials_may_stand_for_one():
     assert set(np.unique(truth.material)) == {SECOND.index("clay"), SECOND.index("mirror")}
 
 
+@pytest.mark.parametrize(
+    "key, wrong",
+    [
+        ("size", np.ones((2, 2), int)), ("size", np.ones(3, int)), ("spp", np.ones(2)),
+        ("spp", np.array(0)), ("seed", np.array(np.inf)), ("materials", np.array("soil")),
+        ("vertices", np.ones(7, int)), ("of_heat", np.array(1)), ("value", np.ones(3, np.float32)),
+        ("temperature_range_k", np.ones(3)), ("atmosphere", np.ones(9)),
+    ],
+)  # fmt: skip
+def test_arrays_that_do_not_fit_are_refused(tmp_path, key, wrong):
+    file = tmp_path / "paths.npz"
+    trace_scene(scene(), SIZE, SPP, 7, FIRST).save(file)
+    with np.load(file) as data:
+        arrays = dict(data) | {key: wrong}
+    np.savez(file, **arrays)
+    with pytest.raises(InputError, match="no traced scene file; its arrays do not fit"):
+        TracedScene.load(file)
+
+
 @pytest.mark.parametrize("closed", [False, True])
 def test_round_trip(tmp_path, monkeypatch, closed):
     monkeypatch.setattr("physics.simulator.traced.PATHS_PER_BLOCK", 1000)

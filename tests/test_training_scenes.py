@@ -223,3 +223,17 @@ def test_bad_input_is_one_sentence(tmp_path, made):
     part.write_bytes(made.path(0).read_bytes()[:999])
     with pytest.raises(InputError, match="scene record: cannot read"):
         Record.load(part)
+
+
+@pytest.mark.parametrize(
+    "key, wrong",
+    [
+        ("names", np.array("sky")), ("seed", np.ones(2)), ("radiance", np.ones(5)),
+        ("material", np.ones((2, 3), np.uint8)), ("curves", np.ones((2, 3))),
+    ],
+)  # fmt: skip
+def test_arrays_that_do_not_fit_are_refused(tmp_path, made, key, wrong):
+    with np.load(made.path(0)) as data:
+        np.savez(tmp_path / "wrong.npz", **(dict(data) | {key: wrong}))
+    with pytest.raises(InputError, match="no scene record file; its arrays do not fit"):
+        Record.load(tmp_path / "wrong.npz")

@@ -40,6 +40,7 @@ from .vary import vary
 # Seeds below 10,000 were looked at while the simulator was built and never train or test.
 BASE_SEED = {"train": 1_000_000, "validation": 2_000_000, "test": 3_000_000}
 MAX_SCENES = 100_000  # of a split; also the step to the seed that stands in for a bad one
+MAPS = "temperature_k", "sky_view", "sky_texture", "material"  # of a Record
 MAX_TRIES = 10  # MAX_TRIES * MAX_SCENES seeds fit between two bases
 _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 # of what is in a scene's file, or a traced one's
@@ -101,7 +102,18 @@ class Record:
     def load(path):
         """Read what `save` wrote; InputError if it is not that."""
         a = load_arrays(path, [f.name for f in fields(Record)], "scene record")
-        a["names"], a["seed"] = tuple(str(n) for n in a["names"]), int(a["seed"])
+        try:
+            a["names"], a["seed"] = tuple(str(n) for n in a["names"]), int(a["seed"])
+            bands, height, width = a["radiance"].shape
+            shapes = {"texture": (bands, height, width), "wavelength_um": (bands,)}
+            shapes |= {"curves": (len(a["names"]), bands)}
+            shapes |= dict.fromkeys(MAPS, (height, width))
+            if any(a[name].shape != shape for name, shape in shapes.items()):
+                raise ValueError
+        except (TypeError, ValueError) as e:
+            raise InputError(
+                f"scene record: {path} is no scene record file; its arrays do not fit."
+            ) from e
         return Record(**a)
 
 

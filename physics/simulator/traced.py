@@ -167,11 +167,27 @@ class TracedScene:
     def load(path):
         """Read what `save` wrote; InputError if it is not that."""
         a = load_arrays(path, KEYS, "traced scene")
+        try:
+            return TracedScene._of(a)
+        except (TypeError, ValueError, IndexError, ArithmeticError) as e:
+            raise InputError(
+                f"traced scene: {path} is no traced scene file; its arrays do not fit."
+            ) from e
+
+    @staticmethod
+    def _of(a):
+        """The scene in arrays as `save` wrote them; other errors than InputError if they are not
+        that."""
         size, spp = tuple(int(n) for n in a["size"]), int(a["spp"])
         sky = len(a["materials"])
         material = a["material"].astype(np.uint16)
         material[material == sky] = SKY
         start = np.concatenate([[0], np.cumsum(a["vertices"], dtype=np.int64)])
+        of_path, of_vertex = {size[0] * size[1] * spp}, {int(start[-1])}
+        if {len(a[key]) for key in ("vertices", "of_heat")} != of_path:
+            raise ValueError
+        if {len(a[key]) for key in ("material", "value", "sun")} != of_vertex:
+            raise ValueError
         blocks = []
         for pixels in pixel_blocks(size, spp):
             first, last = pixels.start * spp, pixels.stop * spp
