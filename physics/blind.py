@@ -65,8 +65,12 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     progress   called as progress(done, total, what)
 
     The note says in one sentence what was found and what cannot be told apart.
-    Raises InputError where the cube has fewer than 20 bands, no sky, or too little beside it.
+    Raises InputError where materials is no whole number >= 1, and where the cube has fewer than 20
+    bands, no sky, or too little beside it.
     """
+    given = materials is not None
+    if given and (not isinstance(materials, (int, np.integer)) or materials < 1):
+        raise InputError(f"library: materials must be a whole number >= 1, got {materials!r}.")
     starter = MaterialLibrary.starter().subset([SKY])
     cube, left_out, shift, _, own_k = prepared(cube, starter)
     if cube.bands < MIN_BANDS:
@@ -90,7 +94,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
     s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
     e = _emissivity(cube, s[~sky], environment.radiance[list(environment.sky)].mean(axis=0))
-    curves = _cluster_curves(e, max(CLUSTERS, materials or 0), seed)
+    clusters = CLUSTERS if materials is None else max(CLUSTERS, materials)
+    curves = _cluster_curves(e, clusters, seed)
     scene = _Scene(cube, s, environment, _sky_curve(cube, s[sky], starter))
     for done in range(ROUNDS):
         curves = _without_the_missed_least(scene, curves, materials)
@@ -206,7 +211,8 @@ def _missed(energy, curves):
 def _without_the_missed_least(scene, curves, materials):
     energy = scene.solve(curves)[1].energy
     kept = list(range(1, len(curves) + 1))
-    while len(kept) > (materials or 1):
+    least = 1 if materials is None else materials
+    while len(kept) > least:
         missed = _missed(energy, kept)
         if materials is None and missed.min() > SHARE:
             break

@@ -91,6 +91,12 @@ def test_materials_asked_for_but_not_there_are_said_to_be_doubtful():
     assert len(library) == 3
 
 
+@pytest.mark.parametrize("materials", [0, -1, 2.5, 3.0, "3"])
+def test_what_is_no_number_of_materials_is_refused(materials):
+    with pytest.raises(InputError, match="materials must be a whole number >= 1, got"):
+        library_from_cube(make()[0], materials)
+
+
 def test_what_the_cube_finds_decomposes_it():
     from texnet import decompose
 
