@@ -26,9 +26,10 @@ class Runtime:
              each
     threads  tiles at once; as many as there are cores, at most MOST_AT_ONCE, if None
 
-    about is the file's metadata, JSON parsed: texnet_version, history, meaning (of inputs and
-    outputs), library (the starter library, as a library file), halo_px, cell_px,
-    limits.
+    about is the file's metadata, JSON parsed: texnet_version, history (how the weights came about),
+    meaning (of inputs and outputs), library (the starter library, as a library file), halo_px (how
+    far a pixel's answer looks around itself), cell_px (a tile begins at a multiple of it), limits
+    (the least and the most that sizes may be).
 
     Raises InputError if path cannot be read or is not a texnet ONNX file.
     """

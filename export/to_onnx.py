@@ -5,7 +5,7 @@ image, bands, library and environment. Where torch meets a size of 1, or two equ
 may take that for a law; so the sizes it sees here are all different and above 1, and no two
 sizes may have become one in the file.
 
-The file says what it is: see `METADATA`.
+The file says what it is: see `about` of `export.runtime.Runtime`.
 """
 
 import json
@@ -63,15 +63,6 @@ OUTPUTS = {
     "residual": (PART, "noise units, root mean square"),
     "log_evidence": (PART, "nats, of all materials together"),
     "unknown": (PART, "true where the answer should not be trusted"),
-}
-METADATA = {
-    "texnet_version": "of the package that wrote the file; marks a texnet file",
-    "history": "JSON: how the weights came about, with their validation metrics",
-    "meaning": "JSON: name of input or output -> sizes, unit and meaning",
-    "library": "JSON: the starter library, as a library file",
-    "halo_px": "how far a pixel's answer looks around itself",
-    "cell_px": "a tile must begin at a multiple of it",
-    "limits": "JSON: the least and the most that sizes may be",
 }
 EXAMPLE = dict(
     bands=17, nodes=3, materials=7, k=4, spreads=5, skylight_spreads=2, sky_spreads=6,
@@ -203,7 +194,7 @@ def _metadata(network, history):
         "most": {"k": MAX_UNKNOWNS - TERMS, "components": MAX_COMPONENTS},
     }
     meaning = {n: {"sizes": s, "meaning": m} for n, (s, m) in {**INPUTS, **OUTPUTS}.items()}
-    values = {
+    return {
         "texnet_version": version("texnet"),
         "history": json.dumps(history),
         "meaning": json.dumps(meaning),
@@ -212,5 +203,3 @@ def _metadata(network, history):
         "cell_px": str(network.config["stride"]),
         "limits": json.dumps(limits),
     }
-    assert values.keys() == METADATA.keys()
-    return values
