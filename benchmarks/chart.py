@@ -42,11 +42,11 @@ from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
-from benchmarks.peers.naming import band_curves, light, nearest
+from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.rows import read_csv, settings, write_csv
 from export.runtime import Runtime
-from physics.bands import equidistant_bands
+from physics.bands import equidistant_bands, quadrature
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
@@ -85,7 +85,7 @@ class Scene:
         w, fwhm = equidistant_bands(bands)
         self.cube, self.truth = traced.shade(self.library, w, fwhm, NETD_K)
         self.planck = BandPlanck(w, fwhm)
-        self.curves = band_curves(self.library, w, fwhm)
+        self.curves = self.library.at(quadrature(w, fwhm)).mean(axis=-1)
         if traced.atmosphere is None:
             self.sky = self.truth.texture[:, non_sky(self.truth)].mean(axis=1).astype(float)
         else:

@@ -37,9 +37,9 @@ import numpy as np
 
 from .errors import InputError
 from .heat_cube import check_wavelength
-from .planck import radiance
+from .planck import C2, radiance
 
-HC_K = 1.438776877  # second radiation constant h c / k_B, cm K
+HC_K = C2 / 1e4  # h c / k_B, cm K
 TROPOPAUSE_K = 216.65
 LAPSE_K_KM = 6.5
 WATER_SCALE_KM = 2.0

@@ -80,6 +80,11 @@ def simulate(args):
     return text, result
 
 
+def chosen_library(args):
+    """The MaterialLibrary of --library, the starter one unless it is given."""
+    return MaterialLibrary.load(args.library) if args.library else MaterialLibrary.starter()
+
+
 def bands(args):
     from physics.bands import equidistant_bands
     from physics.filters import design_filters, filter_range, rate_filters
@@ -90,9 +95,7 @@ def bands(args):
 
     if args.out is not None:
         check_writable(args.out, args.library)
-    library = MaterialLibrary.starter()
-    if args.library is not None:
-        library = MaterialLibrary.load(args.library)
+    library = chosen_library(args)
     with progress_bar() as report:
         best = design_filters(library, args.n, progress=report)
     centres, width = equidistant_bands(args.n, *filter_range(library))
@@ -119,12 +122,8 @@ def bands(args):
     }  # fmt: skip
 
 
-def _library(args):
-    return MaterialLibrary.load(args.library) if args.library else MaterialLibrary.starter()
-
-
 def library_list(args):
-    library = _library(args)
+    library = chosen_library(args)
     mean = library.emissivity.mean(axis=1)
     lines = [f"{n:24s} mean emissivity {e:.3f}" for n, e in zip(library.names, mean, strict=True)]
     rows = [{"name": n, "mean_emissivity": e} for n, e in zip(library.names, mean, strict=True)]
@@ -132,7 +131,7 @@ def library_list(args):
 
 
 def library_show(args):
-    library = _library(args)
+    library = chosen_library(args)
     i = library.index(args.name)
     curve = list(zip(library.wavelength_um, library.emissivity[i], strict=True))
     step = max(1, len(curve) // 16)

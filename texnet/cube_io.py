@@ -207,27 +207,20 @@ _ALONE = threading.Lock()  # both are the process's, not a thread's
 @contextmanager
 def _quiet_library():
     """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's)."""
-    with _ALONE, _redirected():
-        yield
-
-
-@contextmanager
-def _redirected():
-    try:
-        saved = os.dup(2)
-    except OSError:  # closed already
-        with redirect_stdout(io.StringIO()):
+    with _ALONE, redirect_stdout(io.StringIO()):
+        try:
+            saved = os.dup(2)
+        except OSError:  # closed already
             yield
-        return
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        with redirect_stdout(io.StringIO()):
+            return
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 2)
+        try:
             yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(null)
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            os.close(null)
 
 
 def _read_exr(path):

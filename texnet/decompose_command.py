@@ -9,8 +9,9 @@ import numpy as np
 
 from physics.errors import InputError
 from physics.heat_cube import LEAST_NETD_K
-from physics.library import SKY, MaterialLibrary
+from physics.library import SKY
 
+from .commands import chosen_library
 from .cube_io import read_cube, truth_path
 from .loading import loading
 from .metrics import evaluate, names_lacking, non_sky
@@ -47,9 +48,7 @@ def decompose(args):
             method = args.method or "net+sgd"
             network = beside.submit(runner, method)
         cube = read_cube(args.cube)
-        library = MaterialLibrary.starter()
-        if args.library is not None:
-            library = MaterialLibrary.load(args.library)
+        library = chosen_library(args)
         truth = _truth(args.cube)
         if truth is not None:
             truth.check_cube(cube)

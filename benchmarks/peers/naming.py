@@ -7,15 +7,7 @@ fewer right. Then Eq. 1 gives X = (S - e_m B(T)) / (1 - e_m).
 
 import numpy as np
 
-from physics.bands import quadrature
-
 LEAST_REFLECTANCE = 1e-3
-
-
-def band_curves(library, wavelength_um, fwhm_um):
-    """(materials, bands) emissivities of a library as box bands average them."""
-    nodes = quadrature(wavelength_um, fwhm_um)
-    return library.at(nodes.ravel()).reshape(len(library), *nodes.shape).mean(axis=-1)
 
 
 def nearest(e, curves):
