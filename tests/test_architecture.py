@@ -1,4 +1,4 @@
-"""Arrows point down (DESIGN "Layout and import direction"), and light modules stay light."""
+"""A package imports only those below it (ABOVE), and light modules stay light."""
 
 import ast
 import re
