@@ -58,7 +58,7 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     if not path.exists():
         raise InputError(f"library: there is no file {path}.")
     kind = ".txt" if path.is_dir() else path.suffix.lower()
-    if kind not in READERS:
+    if kind != ".mat" and kind not in READERS:
         raise InputError(
             f"library: {path.name} is no library file that is known here; use .mat, .csv, .hdr or "
             ".sli of ENVI, .txt, or a folder of .txt."
@@ -490,7 +490,6 @@ def _within_0_and_1(e, names):
     return np.clip(e, 0, 1), words
 
 
-READERS = {
-    ".mat": _read_mat, ".csv": _read_csv, ".txt": _read_texts, ".hdr": _read_envi,
-    ".sli": _read_envi,
+READERS = {  # of files that state their own bands and names; .mat does not
+    ".csv": _read_csv, ".txt": _read_texts, ".hdr": _read_envi, ".sli": _read_envi,
 }  # fmt: skip
