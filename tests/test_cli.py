@@ -374,7 +374,7 @@ def test_ctrl_c(capfd, tmp_path, monkeypatch):
 
     monkeypatch.setattr("physics.simulator.simulate", interrupted)
     code, out, err = run(capfd, "simulate", "forest", "--out", tmp_path / "cube.exr")
-    assert code == 130 and "Traceback" not in err
+    assert code == 130 and err == "texnet: interrupted\n"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -395,7 +395,23 @@ def test_ctrl_c_while_a_package_loads(tmp_path, package):
         "sys.exit(main(['simulate', 'patches', '--size', '4x4', '--out', sys.argv[1]]))\n"
     )
     done = subprocess.run([sys.executable, "-c", code, tmp_path / "c.exr"], capture_output=True)
-    assert done.returncode == 130 and done.stderr == b"" and list(tmp_path.iterdir()) == []
+    assert done.returncode == 130 and done.stderr == b"texnet: interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_while_the_command_line_loads():
+    code = (
+        "import os, runpy, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'numpy': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "sys.argv = ['texnet', '--help']\n"
+        "runpy.run_module('texnet', run_name='__main__')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "texnet: interrupted\n")
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,8 @@ def main(argv=None):
     except MemoryError:
         print("texnet: error: not enough memory; take fewer pixels or bands.", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as e:  # a command that can go on says so in it
+        print(f"texnet: {e}" if str(e) else "texnet: interrupted", file=sys.stderr)
         return 130
     return 0
 

@@ -4,7 +4,6 @@ say and what --json gives.
 What a command needs is imported inside it, so that `texnet --help` starts at once.
 """
 
-import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -246,8 +245,7 @@ def _training():
             "training needs pytorch-lightning; pip install -e '.[train]' in the checkout."
         ) from e
     except KeyboardInterrupt:
-        print("texnet: stopped; the same command goes on from the last epoch.", file=sys.stderr)
-        raise
+        raise KeyboardInterrupt("stopped; the same command goes on from the last epoch.") from None
 
 
 def _scores(what, m):
@@ -315,8 +313,7 @@ def bench_chart(args):
         with progress_bar() as report:
             result = measure(args.out, args.network, report)
     except KeyboardInterrupt:
-        print("texnet: stopped; the same command goes on after the last scene.", file=sys.stderr)
-        raise
+        raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
     text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png, methods.csv."])
     return text, {"command": "bench chart"} | result
 
