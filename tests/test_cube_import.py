@@ -363,7 +363,8 @@ def test_planck_in_any_unit_gives_its_temperature_back(tmp_path, unit):
     prefix = {"W": 1.0, "mW": 1e3, "uW": 1e6, "microflick": 1e4}[unit.split("/")[0]]
     if unit == "microflick":
         area = 1e-2  # 1 W m-2 is 100 uW cm-2
-    s = prefix * area * (100 * per_m1 if unit.endswith("cm-1") else per_m1 * nu**2 * 1e-6)
+    per_length = 1e-9 if unit.endswith("/nm") else 1e-6  # m
+    s = prefix * area * (100 * per_m1 if unit.endswith("cm-1") else per_m1 * nu**2 * per_length)
     cube, note = import_cube(envi(tmp_path / "a", s, kind=5), unit)
     check_same(cube)
     np.testing.assert_allclose(cube.brightness_temperature_k, T[0], rtol=1e-6)
@@ -653,6 +654,13 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
         import_cube(path)
     with pytest.raises(InputError, match="does not say which unit"):
         import_cube(envi(tmp_path / "a", S))
+
+
+@pytest.mark.parametrize("said", ["uW/(cm^2*sr*nm)", "\u00b5W/cm2/sr/nm", "mW/(cm^2 * sr * um)"])
+def test_a_unit_may_be_written_with_times_below_the_line(tmp_path, said):
+    check_same(import_cube(envi(tmp_path / "a", S / 10, data_units=said))[0])
+    with pytest.raises(InputError, match="give --unit"):  # nothing is below that line
+        import_cube(envi(tmp_path / "a", S / 10, data_units="uW*cm^2/sr/um"))
 
 
 def test_a_header_without_byte_order_is_little_endian(tmp_path):

@@ -67,12 +67,19 @@ def read_envi(path):
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored(dtype)
     said = header.word("data units", header.word("units", ""))
-    unit = next((u for u in UNITS if u.lower() == re.sub(r"[\s^()]", "", said.lower())), None)
     return RawCube(
-        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, unit, gain, offset,
-        good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint, words=(*words, *scaled),
-        unit_said=said[:60],
+        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, _unit(said), gain,
+        offset, good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint,
+        words=(*words, *scaled), unit_said=said[:60],
     )  # fmt: skip
+
+
+def _unit(said):
+    """The key of UNITS that a header's word for it means, such as uW/(cm^2*sr*nm); else None."""
+    plain = re.sub(r"[\s^]", "", said.lower()).translate({0xB5: "u", 0x3BC: "u"})
+    plain = re.sub(r"/\(([^()]*)\)", lambda below: "/" + below[1].replace("*", "/"), plain)
+    plain = re.sub("[()]", "", plain)
+    return next((u for u in UNITS if u.lower() == plain), None)
 
 
 class Spectra(NamedTuple):

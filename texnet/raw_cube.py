@@ -28,6 +28,8 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "uW/cm2/sr/um": (1e-2, False),
     "microflick": (1e-2, False),
     "W/cm2/sr/um": (1e4, False),
+    "mW/cm2/sr/um": (10.0, False),
+    "uW/cm2/sr/nm": (10.0, False),  # usual of ENVI and FLAASH
     "W/m2/sr/cm-1": (1.0, True),
     "mW/m2/sr/cm-1": (1e-3, True),
     "W/cm2/sr/cm-1": (1e4, True),
