@@ -14,6 +14,7 @@ starts       what a good start buys TeX-SGD
 mitsuba_agreement  the simulator against an independent renderer
 reproduce    the paper's figures; paper_method is the paper's method, as written
 rows         measurements in files, and what made them
+colours      for curves
 """
 
 from pathlib import Path

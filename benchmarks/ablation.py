@@ -18,8 +18,10 @@ from pathlib import Path
 import numpy as np
 import pytorch_lightning as lightning
 import torch
+from matplotlib.figure import Figure
 
 from benchmarks.rows import write_csv
+from physics.whole_file import whole_file
 from texnet.network import TeXNet
 from texnet.progress import progress_bar
 from texnet.weights import save_network
@@ -129,12 +131,8 @@ def main():
 
 
 def _draw(rows, path):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 2, figsize=(10, 4.2), sharey=True, layout="constrained")
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
     costs = {"parameters": "parameters", "multiply_adds_per_pixel": "multiply-adds per pixel"}
     for axis, (cost, label) in zip(axes, costs.items(), strict=True):
         for i, r in enumerate(rows):
@@ -150,7 +148,8 @@ def _draw(rows, path):
     axes[0].set(ylabel="validation cross entropy (nats)")
     figure.legend(*axes[1].get_legend_handles_labels(), loc="outside right center", fontsize=8,
                   title="nats")  # fmt: skip
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=110)
 
 
 if __name__ == "__main__":

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from benchmarks.colours import BLUE, GREEN, ORANGE, VERMILLION
 from physics.whole_file import whole_file
 from texnet.pipeline import METHODS
 
-STYLE = {  # Okabe and Ito's colours
-    "local": ("#0072B2", "o-"), "sgd": ("#009E73", "^--"), "net": ("#E69F00", "s-."),
-    "net+sgd": ("#D55E00", "D-"),
+STYLE = {
+    "local": (BLUE, "o-"), "sgd": (GREEN, "^--"), "net": (ORANGE, "s-."),
+    "net+sgd": (VERMILLION, "D-"),
 }  # fmt: skip
 TABLED = "net+sgd", "local"
 KELVIN = {"temperature_mae_k": "T off by (K)", "sigma_k": "sigma (K)"}

@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.accuracy import K, test_scenes
+from benchmarks.colours import BLUE, GREEN, VERMILLION
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.filters import HIGH_UM, LOW_UM, NETD_K, design_filters
@@ -33,9 +34,7 @@ SHOWN = {
     "temperature_mae_k": "T off by (mean, K)",
     "texture_correlation": "sky-lit texture, correlation",
 }
-STYLE = {  # Okabe-Ito
-    DESIGNED: ("#D55E00", "o"), SIDE_BY_SIDE: ("#0072B2", "s"), AS_WIDE: ("#009E73", "^"),
-}  # fmt: skip
+STYLE = {DESIGNED: (VERMILLION, "o"), SIDE_BY_SIDE: (BLUE, "s"), AS_WIDE: (GREEN, "^")}
 
 
 def filter_sets(library):

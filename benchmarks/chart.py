@@ -40,6 +40,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, K, test_scenes
+from benchmarks.colours import BLACK, BLUE, GREEN, ORANGE, SKY_BLUE, VERMILLION
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.naming import light, nearest
@@ -283,13 +284,14 @@ def _write_methods(summary, path):
 
 # --- drawing ------------------------------------------------------------------------------
 
-# Okabe and Ito's colours; markers are the second cue
+GREY = "#999999"
+# markers are the second cue
 STYLE = {
-    "brightness temperature": ("#999999", "v"), "NEM": ("#999999", "^"), "ISSTES": ("#999999", "s"),
-    "scipy": ("#000000", "X"), "local": ("#0072B2", "o"), "sgd": ("#56B4E9", "D"),
-    "net": ("#E69F00", "o"), "net+sgd": ("#D55E00", "*"),
+    "brightness temperature": (GREY, "v"), "NEM": (GREY, "^"), "ISSTES": (GREY, "s"),
+    "scipy": (BLACK, "X"), "local": (BLUE, "o"), "sgd": (SKY_BLUE, "D"), "net": (ORANGE, "o"),
+    "net+sgd": (VERMILLION, "*"),
 }  # fmt: skip
-OTHERS = "#009E73", "Pph<>"
+OTHERS = GREEN, "Pph<>"
 TICKS = {
     "temperature_rmse_k": (0.2, 0.5, 1, 2, 5, 10),
     "material_accuracy": (0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99),

@@ -27,6 +27,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from matplotlib.figure import Figure
 from scipy import stats
 
 from physics import MaterialLibrary
@@ -34,6 +35,7 @@ from physics.planck import radiance
 from physics.simulator import geometry, simulate
 from physics.simulator.presets import preset
 from physics.sky import sky_radiance
+from physics.whole_file import whole_file
 
 WAVELENGTH_UM = np.array([8.6, 9.6, 12.0])  # quartz, ozone, water vapour
 PRESET = "patterned"
@@ -190,8 +192,6 @@ def compare(size=(48, 64), spp=64, seeds=64):
 
 def draw(z, image, path):
     """The scene beside the z-map of every band, and the histogram of z."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(15, 2.8), layout="constrained")
     axes = figure.subplots(1, 5)
     axes[0].imshow(image.mean(0), cmap="gray")
@@ -206,7 +206,8 @@ def draw(z, image, path):
     axes[4].hist(z.ravel(), x, density=True, color="0.7")
     axes[4].plot(x, stats.norm.pdf(x), "k")
     axes[4].set_title("z and the unit normal")
-    figure.savefig(path, dpi=120)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=120)
 
 
 def main():
@@ -219,7 +220,8 @@ def main():
     result, z, image = compare(spp=args.spp, seeds=args.seeds)
     draw(z, image, args.out / "mitsuba_agreement.png")
     text = json.dumps(result, indent=1)
-    (args.out / "mitsuba_agreement.json").write_text(text + "\n", encoding="utf-8")
+    with whole_file(args.out / "mitsuba_agreement.json") as part:
+        part.write_text(text + "\n", encoding="utf-8")
     print(text)
 
 

@@ -370,7 +370,8 @@ def _draw(rows, fitted, path):
         ax.set_ylim(top=4 * ax.get_ylim()[1])  # room for the legend
         ax.legend(loc="upper left", title="exponent", fontsize=8, title_fontsize=8)
     axes[0].set(ylabel="seconds")
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=110)
 
 
 # --- all of it ----------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.rows import write_csv
@@ -30,6 +31,7 @@ from physics.local import solve_local
 from physics.planck import brightness_temperature
 from physics.reduced import reduce_model
 from physics.semiglobal import Objective, refine
+from physics.whole_file import whole_file
 from texnet.learned import torch_model
 
 STARTS = ("network", "local", "constant", "random")
@@ -105,15 +107,9 @@ def main():
 
 
 def _draw(rows, path):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     scenes = list(dict.fromkeys(r["scene"] for r in rows))
-    figure, axes = pyplot.subplots(
-        1, len(scenes), figsize=(3.2 * len(scenes), 3.2), layout="constrained", squeeze=False
-    )
+    figure = Figure(figsize=(3.2 * len(scenes), 3.2), layout="constrained")
+    axes = figure.subplots(1, len(scenes), squeeze=False)
     for axis, scene in zip(axes[0], scenes, strict=True):
         of = [r for r in rows if r["scene"] == scene]
         floor = min(r["nats"] for r in of)
@@ -126,7 +122,8 @@ def _draw(rows, path):
         axis.set(title=scene, xlabel="seconds")
     axes[0, 0].set_ylabel("objective above the least\n(nats per pixel)")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as part:
+        figure.savefig(part, dpi=110)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What the figures made of pictures share: the night scenes, and panels with numbers below.
 
-Curves take the colours of Okabe and Ito (2008), which the colour-blind can tell apart, and each
-a marker or a line style of its own besides.
+Curves take the colours of `benchmarks.colours`, and each a marker or a line style of its own
+besides.
 """
 
 from types import SimpleNamespace
@@ -24,9 +24,6 @@ from texnet.vision import tex_vision
 
 SIZE, FULL_SIZE = (256, 384), (1080, 1920)  # pixels; the second is the published one
 BANDS, SPP, SEED, NETD_K = 54, 64, 7, 0.05
-BLACK, ORANGE, SKY_BLUE, GREEN, BLUE, VERMILLION, PURPLE = (
-    "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7",
-)  # fmt: skip
 NOTHING = "#cfe0f0"  # where a picture has no value, as in the sky
 WIDTH_INCHES, TEXT, LEGEND_COLUMNS = 10.0, 10, 8
 SCREEN_DPI, PRINT_DPI = 100, 300  # 1000 pixels wide, text legible a little smaller; 3000

@@ -8,10 +8,11 @@ a mean over its group, its bar reaches from the least to the largest.
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.colours import BLACK, BLUE, ORANGE, SKY_BLUE, VERMILLION
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 
-from .common import BLACK, BLUE, ORANGE, SKY_BLUE, VERMILLION, save
+from .common import save
 from .errors import (
     ERRORS,
     LOCAL,

@@ -29,6 +29,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from benchmarks.colours import BLUE, VERMILLION
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
@@ -187,9 +188,9 @@ def _draw_spectra(fig):
         (axes[1], "thermal imaging", 283.0, "surroundings of 283 K, scattered", 293.0, THERMAL_UM),
     ):
         ax.axvspan(*response, color="0.85", label=f"response, {response[0]:g}-{response[1]:g} µm")
-        ax.plot(w, shape(scattered), color=common.VERMILLION, lw=2, label=light)
+        ax.plot(w, shape(scattered), color=VERMILLION, lw=2, label=light)
         ax.plot(
-            w, shape(own_k), "o", color=common.BLUE, ms=4, markevery=14, fillstyle="none",
+            w, shape(own_k), "o", color=BLUE, ms=4, markevery=14, fillstyle="none",
             label=f"emission of objects of {own_k:.0f} K",
         )  # fmt: skip
         ax.set_xscale("log")

@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.ndimage import distance_transform_edt
 
+from benchmarks.colours import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILLION
 from benchmarks.rows import write_csv
 from physics.environment import Environment
 from physics.eq1 import render
@@ -35,13 +36,13 @@ from . import common
 
 K = 2
 MARKED = {  # material: letter, colour, marker
-    "sky": ("Sky", common.SKY_BLUE, "o"),
-    "bark": ("B", common.VERMILLION, "s"),
-    "foliage": ("F", common.GREEN, "^"),
-    "granite": ("R", common.BLACK, "D"),
-    "water": ("W", common.BLUE, "v"),
+    "sky": ("Sky", SKY_BLUE, "o"),
+    "bark": ("B", VERMILLION, "s"),
+    "foliage": ("F", GREEN, "^"),
+    "granite": ("R", BLACK, "D"),
+    "water": ("W", BLUE, "v"),
 }
-OTHERS = {"grass": (common.ORANGE, "P"), "soil": (common.PURPLE, "X")}
+OTHERS = {"grass": (ORANGE, "P"), "soil": (PURPLE, "X")}
 
 
 def reproduce(out, full, progress):
@@ -124,7 +125,7 @@ def _draw_cube(ax, picture, ground, pixels):
     for name, (r, c) in pixels.items():
         letter, _, _ = MARKED[name]
         ax.plot(c, r, "x", color="white", ms=9, mew=4)
-        ax.plot(c, r, "x", color=common.VERMILLION, ms=8, mew=2)
+        ax.plot(c, r, "x", color=VERMILLION, ms=8, mew=2)
         ax.annotate(
             letter, (c, r), xytext=(6, 3), textcoords="offset points", fontsize=11, weight="bold",
             color="white", bbox=dict(boxstyle="round,pad=0.15", color="black", alpha=0.6),
@@ -156,7 +157,7 @@ def _draw_library(ax, library):
 
 def _draw_residuals(ax, rows):
     delta, least = [r["residual"] for r in rows], min(r["residual"] for r in rows)
-    colours = [common.VERMILLION if d == least else common.BLUE for d in delta]
+    colours = [VERMILLION if d == least else BLUE for d in delta]
     bars = ax.bar([r["material"] for r in rows], delta, color=colours)
     ax.bar_label(bars, [f"{d:.0f}\nleast" if d == least else f"{d:.0f}" for d in delta],
                  fontsize=common.TEXT - 1)  # fmt: skip
