@@ -62,10 +62,10 @@ SPREAD_DIRECTIONS = 6
 # of a sky that is assumed: its air over the scene, K, its vapour over the usual, and the cosine of
 # the zenith angle, 0.6 being like a whole hemisphere (Elsasser 1942); first what is likeliest
 ASSUMED = (
-    (0.0, 1.0, 0.6), (-6.0, 1.0, 0.6), (6.0, 1.0, 0.6), (0.0, 0.4, 0.6), (0.0, 2.0, 0.6),
+    (0.0, 1.0, 0.6), (-15.0, 1.0, 0.6), (10.0, 1.0, 0.6), (0.0, 0.4, 0.6), (0.0, 2.0, 0.6),
     (0.0, 1.0, 1.0), (0.0, 1.0, 0.3),
 )  # fmt: skip
-ERROR_K = 0.3  # of X beyond all that
+ERROR_K, ASSUMED_ERROR_K = 0.3, 0.5  # of X beyond all that, and under a sky that is assumed
 ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them alone
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
@@ -136,11 +136,13 @@ class Sample:
     def environment(self, k, assume_sky=False):
         """Environment of k objects by K-means, those of the sky first."""
         cube, spectra, sky = self.cube, self.spectra, self.sky
-        skies = deviations = np.zeros((0, cube.bands))
+        skies, error_k = np.zeros((0, cube.bands)), ERROR_K
+        deviations = skies
         if sky.any() and k > 1:
             skies, deviations = self._skies_overhead(k)
         elif assume_sky and k > 1 and self.library.sky_index is not None:
             skies, deviations = self._assumed_sky()
+            error_k = ASSUMED_ERROR_K
         ground = spectra[~sky] if (~sky).any() else spectra
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))
@@ -151,7 +153,7 @@ class Sample:
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
             tuple(range(len(skies))), spread, _principal(deviations) * cube.sigma,
-            ERROR_K, **self.of_sky(),
+            error_k, **self.of_sky(),
         )  # fmt: skip
 
     def _skies_overhead(self, k):

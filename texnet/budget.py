@@ -18,7 +18,7 @@ from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
 from physics.prepared import prepared
 
-from .pipeline import decompose
+from .pipeline import USUAL_OBJECTS, decompose
 
 ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
 CHART = files("texnet") / "data" / "methods.csv"
@@ -29,9 +29,9 @@ WARM, CROP = 64, 256
 
 
 def choose(cube, library, k, budget, model_of, progress=None):
-    """The most accurate method within a budget -> its name, k, the seconds per megapixel foreseen.
+    """The most accurate method within a budget -> its name, the seconds per megapixel foreseen.
 
-    k         objects of the environment, or "auto"
+    k         as `decompose` takes it
     budget    seconds per megapixel
     model_of  a method's name -> its model, as `decompose` takes it
     progress  as `decompose` takes it
@@ -40,14 +40,11 @@ def choose(cube, library, k, budget, model_of, progress=None):
     """
     start = time.perf_counter()
     cube = prepared(cube, library).cube
-    if k == "auto":
-        from physics.support import supported_count  # numba takes a second to load
-
-        k = supported_count(cube, library)
     before = time.perf_counter() - start
+    objects = k if isinstance(k, int) else min(USUAL_OBJECTS, cube.measured_count)
     for _ in range(2):  # the first time loads
         start = time.perf_counter()
-        environment = estimate_environment(cube, library, k)
+        environment = estimate_environment(cube, library, objects)
         once = (before + time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
 
     def seconds(method):
@@ -65,8 +62,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     methods = best_first(cube.bands)
     if len(library) < 2:  # the network chooses between materials
         methods = [method for method in methods if not method.startswith("net")]
-    method, took = first_within(budget, methods, seconds)
-    return method, k, took
+    return first_within(budget, methods, seconds)
 
 
 def best_first(bands):

@@ -27,7 +27,6 @@ FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
     "environment-method", "environment-count",
 )  # fmt: skip
 MODEL = "texnet.safetensors"  # in texnet/data
-K = 5  # objects of the environment
 
 
 def main(argv=None):
@@ -113,7 +112,7 @@ def _parser():
     p = add(of_texnet, "demo", demo, "decompose the packaged night scene and draw the pictures")
     p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
     p.set_defaults(
-        library=None, method=None, k=K, model=None, compare=False, budget=None, device="cpu",
+        library=None, method=None, k=None, model=None, compare=False, budget=None, device="cpu",
         calibration_error=0.0,
     )  # fmt: skip
 
@@ -212,9 +211,9 @@ def _parser():
         "states it, K at 300 K; sigma of T includes it; default: 0",
     )  # fmt: skip
     p.add_argument(
-        "--k", metavar="N", type=_count, default=K,
+        "--k", metavar="N", type=_count,
         help="objects that stand for the environment, 1-10, or auto: as many as the scene "
-        f"supports; default: {K}",
+        "supports; default: 5 where the sky is in view, else auto",
     )  # fmt: skip
 
     def add_training(name, run, text, scenes, epochs, per_epoch):

@@ -66,7 +66,7 @@ def decompose(args):
         else:
             from .budget import choose
 
-            method, k, foreseen = choose(cube, library, k, budget, runner, report)
+            method, foreseen = choose(cube, library, k, budget, runner, report)
             run = runner(method)
         d = decompose(
             cube, library, method=method, k=k, calibration_error_k=args.calibration_error,
@@ -79,8 +79,9 @@ def decompose(args):
     paths = write_decomposition(d, cube, truth, args.out, args.compare or truth is not None)
     result = {
         "command": "decompose", "cube": args.cube, "method": method, "k": len(d.environment),
-        "k_chosen": args.k == "auto", **_of_answer(d, cube), "metrics": metrics, "files": paths,
+        **_of_answer(d, cube), "metrics": metrics, "files": paths,
     }  # fmt: skip
+    result["k_chosen"] = k == "auto" or k is None and not result["sky_in_view"]
     if budget is not None:
         result["budget"] = {
             "seconds_per_megapixel": budget, "foreseen_seconds_per_megapixel": foreseen,

@@ -39,7 +39,7 @@ from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_err
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
-MOST_OBJECTS = 10
+USUAL_OBJECTS, MOST_OBJECTS = 5, 10
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
 
@@ -133,7 +133,7 @@ def decompose(
     library: MaterialLibrary | None = None,
     *,
     method: str = "net+sgd",
-    k: int | str = 5,
+    k: int | str | None = None,
     environment: Environment | None = None,
     seed: int = 0,
     calibration_error_k: float = 0.0,
@@ -146,8 +146,8 @@ def decompose(
     method       "net+sgd": the network's proposal, refined; "net": the network alone;
                  "local": each pixel by itself, exactly; "sgd": semi-global, from local
     k            number of environment objects, 1..10, estimated from the cube by K-means, fewer
-                 where its pixels differ less; or
-                 "auto": as many as the scene supports (`physics.support`)
+                 where its pixels differ less; or "auto": as many as the scene supports
+                 (`physics.support`). If None, 5 where the sky is in view, else as "auto"
     environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
                  the wavelengths, and no gain or offset is looked for, but whether it is kelvins off
                  (not for net); if that is known, say so: environment.off_by(kelvin)
@@ -184,17 +184,26 @@ def decompose(
         environment = replace(environment, wavelength_um=cube.wavelength_um)
         environment = with_sky_in_view(environment, cube, library, seed)
     lap("bands")
-    if k == "auto" and environment is None:
-        from physics.support import supported_count  # numba takes a second to load
-
-        with compiling(progress):
-            k = supported_count(cube, library, seed, assume_sky=method != "net")
-        lap("k")
     untold = dead | beyond
     cold, burns, burning = hot.parted(cube)
     given, shown, assumed, error_k = environment, RIGHT, False, 0.0
-    estimate = partial(estimate_environment, library=library, k=k, seed=seed)
-    environment = environment or estimate(cube)
+    counting = given is None and not _whole(k, 1, MOST_OBJECTS)
+
+    def estimate(assume_sky=False, count=False):
+        nonlocal objects
+        if count:
+            from physics.support import supported_count  # numba takes a second to load
+
+            with compiling(progress):
+                objects = supported_count(cube, library, seed, assume_sky)
+        return estimate_environment(cube, library, objects, seed, assume_sky)
+
+    objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
+    environment = environment or estimate()
+    if counting and (environment.sky or method == "net"):
+        counting = False
+        if k == "auto" or not environment.sky:
+            environment = estimate(count=True)
     lap("environment")
     nets = method.startswith("net")
     if nets and model is None:
@@ -212,13 +221,13 @@ def decompose(
                 environment = environment.off_by(error_k) if error_k else environment
             else:
                 shown, assumed, environment = _calibration_or_sky(
-                    cold, environment, partial(estimate, cube), look, library, untold | burns
+                    cold, environment, estimate, counting, look, library, untold | burns
                 )
         if shown != RIGHT:
             cube = corrected(cube, shown)
             cold, burns, burning = hot.parted(cube)
             if given is None:
-                environment = estimate(cube, assume_sky=assumed)
+                environment = estimate(assumed)
         lap("calibration")
     with compiling(None if nets else progress):
         maps = glance.answer(
@@ -247,15 +256,17 @@ def decompose(
     )  # fmt: skip
 
 
-def _calibration_or_sky(cube, environment, estimate, look, library, untold):
+def _calibration_or_sky(cube, environment, estimate, counting, look, library, untold):
     """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
-    Environment with it or without."""
-    shown = calibration(cube, environment, look, library, untold)
-    if environment.sky or not (under := estimate(assume_sky=True)).sky:
-        return shown, False, environment
-    if not under_a_sky(cube, environment, shown, under, look, library, untold):
-        return shown, False, environment
-    return calibration(cube, under, look, library, untold, in_view=False), True, under
+    Environment with it or without, whose objects are counted, if counting, only then."""
+    of = partial(calibration, cube, look=look, library=library, left_out=untold)
+    shown, assumed = of(environment), False
+    if not environment.sky and (under := estimate(True)).sky:
+        assumed = under_a_sky(cube, environment, shown, under, look, library, untold)
+    if assumed or counting:
+        environment = estimate(assumed, counting)
+        shown = of(environment, in_view=False)
+    return shown, assumed, environment
 
 
 def _doubted(maps, cube, shown, calibration_error_k, untold):
@@ -292,7 +303,7 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
         )
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
-    if not (_whole(k, 1, MOST_OBJECTS) or isinstance(k, str) and k == "auto"):
+    if not (k is None or _whole(k, 1, MOST_OBJECTS) or isinstance(k, str) and k == "auto"):
         raise InputError(
             f"decompose: k must be a whole number 1..{MOST_OBJECTS} or auto, got {k!r}."
         )
