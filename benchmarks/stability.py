@@ -4,7 +4,7 @@
 
 One difficulty at a time is turned up (AXES) on path-traced test scenes, 50 mK and 54 bands
 unless that is the difficulty, in pictures of 72 x 96 pixels; the environment is estimated from
-each cube (k = 5), the library is the whole starter library. Per axis, level, scene and method a
+each cube (k = 5, or where the sky may be out of view as many as by default), the library is the whole starter library. Per axis, level, scene and method a
 row of stability.csv:
 
     the errors of T (K), its median sigma and how many errors lie within one and two of them
@@ -91,7 +91,7 @@ class Case:
     cube: HeatCube
     truth: Truth
     library: MaterialLibrary
-    k: int = K
+    k: int | None = K
     wrong_k: float = 0.0  # kelvin that the environment is off
     stated_k: float = 0.0  # kelvin of it that are stated
     said_k: float = 0.0  # kelvin of calibration error that are stated
@@ -174,7 +174,7 @@ def sky_out_of_view(view, library, share):
     cube, truth = shaded(view, library)
     sky = np.flatnonzero((~non_sky(truth)).any(axis=1))
     top = int(round(share * (sky.max() + 1))) if sky.size else 0
-    return Case(*cropped(cube, truth, min(top, cube.shape[0] - 12)), library)
+    return Case(*cropped(cube, truth, min(top, cube.shape[0] - 12)), library, None)
 
 
 def objects_at_54_bands(view, library, k):
