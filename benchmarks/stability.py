@@ -4,8 +4,8 @@
 
 One difficulty at a time is turned up (AXES) on path-traced test scenes, 50 mK and 54 bands
 unless that is the difficulty, in pictures of 72 x 96 pixels; the environment is estimated from
-each cube (k = 5, or where the sky may be out of view as many as by default), the library is the whole starter library. Per axis, level, scene and method a
-row of stability.csv:
+each cube (k = 5, or where the sky may be out of view as many as by default), the library is the
+whole starter library. Per axis, level, scene and method a row of stability.csv:
 
     the errors of T (K), its median sigma and how many errors lie within one and two of them
     material accuracy, abstention, accuracy among the answered, correlation of the texture

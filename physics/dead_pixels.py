@@ -15,11 +15,33 @@ from .planck import radiance as planck
 
 MOST = 0.05  # of the pixels that hold anything; more are a wrong calibration
 HOTTEST_K = 1e4  # of any pixel; beyond it a detector is dead
+# of a band's median: noise around no light, what then stands for it, and what a pixel that is so
+# shows in another band, at least
+FAINT, FLOOR, SHOWN = 0.1, 1e-3, 0.3
 
 
 def lit(radiance):
     """Where radiance is finite and positive."""
     return (radiance > 0) & (radiance < np.inf)
+
+
+def lifted(radiance):
+    """radiance (bands, height, width) whose values around zero are positive: a sky so cold that
+    noise takes some of its bands below, though others show it. Itself if there are none, else a
+    read-only copy."""
+    if not any((band < 0).any() for band in scratch.parts(radiance)):
+        return radiance
+    usual, shown = np.zeros(len(radiance)), np.zeros(radiance.shape[1:], bool)
+    for b, band in enumerate(scratch.parts(radiance)):
+        usual[b] = np.nan_to_num(np.median(band))  # nothing of a band that holds NaN
+        shown |= np.isfinite(band) & (band > SHOWN * usual[b]) & (usual[b] > 0)
+    copy = scratch.empty(radiance.shape, np.float32)
+    for to, band, m in zip(copy, scratch.parts(radiance), usual, strict=True):
+        faint = shown & (band < 0) & (band > -FAINT * m)
+        to[:] = np.where(faint, np.float32(FLOOR * m), band)
+        scratch.release(copy)
+    copy.setflags(write=False)
+    return copy
 
 
 def dead_pixels(radiance, wavelength_um, stated=False):

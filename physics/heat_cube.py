@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import scratch
-from .dead_pixels import dead_pixels, filled, without_dead
+from .dead_pixels import dead_pixels, filled, lifted, without_dead
 from .errors import InputError
 from .netd import estimated_netd
 from .planck import brightness_temperature, noise_sigma
@@ -97,6 +97,7 @@ class HeatCube:
         stated = np.zeros(s.shape[1:], bool) if self.dead is None else np.asarray(self.dead)
         if stated.shape != s.shape[1:] or stated.dtype != bool or stated.all():
             raise InputError("cube: dead must be (height, width) bool, and not all true.")
+        s = lifted(s)
         dead, dark, misleads = dead_pixels(s, w, stated)
         if misleads or dead.any():
             s = filled(s, dead, dark)

@@ -8,7 +8,7 @@ from traced import names_of, one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
 from physics.bad_bands import NO_RADIANCE, without_bad_bands
-from physics.dead_pixels import MOST, gaps
+from physics.dead_pixels import MOST, gaps, lifted
 from physics.errors import InputError
 from physics.planck import radiance
 from texnet.cli import main
@@ -251,3 +251,27 @@ def test_the_commands_say_how_many(tmp_path, capsys):
     assert f"Dead         {100 * dead.mean():.2g} % of the pixels" in text
     assert result["dead"] == pytest.approx(dead.mean())
     np.testing.assert_array_equal(npz["dead"], dead)
+
+
+def test_noise_around_no_light_is_a_measurement():
+    """A dry polar sky shows its opaque bands alone; half of the others fall below zero."""
+    rng, s = np.random.default_rng(0), a_cube((12, 20))
+    s[:2, :6] = 0.002 * rng.standard_normal((2, 6, 20))
+    below = s < 0
+    cube = HeatCube(s, W, netd_k=0.05)
+    assert below.sum() > 60 and not cube.dead.any()
+    assert (cube.radiance > 0).all() and cube.radiance[below].max() < 0.01
+    np.testing.assert_array_equal(cube.radiance[~below], s[~below].astype(np.float32))
+
+
+def test_a_pixel_that_shows_no_band_is_dead_and_so_is_what_is_far_below_zero():
+    s = a_cube((12, 20))
+    s[:, 3, 4] = 0.002, -0.002, -0.001  # nothing but noise
+    s[1, 5, 6] = -3.0
+    dead = np.argwhere(HeatCube(s, W, netd_k=0.05).dead)
+    np.testing.assert_array_equal(dead, [[3, 4], [5, 6]])
+
+
+def test_without_such_noise_nothing_is_copied():
+    s = a_cube((4, 5)).astype(np.float32)
+    assert lifted(s) is s

@@ -245,7 +245,7 @@ def _summary(r):
         f"above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the {'measured ' if r['dead'] else ''}pixels "
-        "are marked unknown",
+        "are marked unknown" + (": do not use the materials" if r["unknown"] > 0.5 else ""),
         *_of_pixels(r["saturated"], r["dead"], r["hot"]),
         f"Time         {sum(r['seconds'].values()):.1f} s",
     ]

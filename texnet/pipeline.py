@@ -148,9 +148,9 @@ def decompose(
     k            number of environment objects, 1..10, estimated from the cube by K-means, fewer
                  where its pixels differ less; or "auto": as many as the scene supports
                  (`physics.support`). If None, 5 where the sky is in view, else as "auto"
-    environment  take this one instead, at the cube's bands, as this camera shows it: it moves with
-                 the wavelengths, and no gain or offset is looked for, but whether it is kelvins off
-                 (not for net); if that is known, say so: environment.off_by(kelvin)
+    environment  take this one instead (k is its own), at the cube's bands, as this camera shows it:
+                 it moves with the wavelengths, and no gain or offset is looked for, but whether it
+                 is kelvins off (not for net); if that is known, say so: environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
