@@ -127,26 +127,26 @@ def hypotheses(known: Known) -> Hypotheses:
     glow = (e[:, None] * series).mean(dim=-1).repeat(2, 1, 1) / sigma  # (R, n + 1, bands)
     glow = glow * (1 - share)[:, None, None]
     emissivity = e.mean(dim=-1)
-    glass = (1 - share)[:, None] * (1 - emissivity.repeat(2, 1))
+    reflected = (1 - share)[:, None] * (1 - emissivity.repeat(2, 1))
     usual = known.environment.mean(dim=0)
     black = series[0].mean(dim=-1)
-    over = (glass / sigma)[:, None]
+    of_reflected = (reflected / sigma)[:, None]
     rim = share_sigma[:, None] * (known.sky_mean - black)
     rows = torch.cat(
         [
-            over * known.spread,
-            over * known.skylight_spread,
+            of_reflected * known.spread,
+            of_reflected * known.skylight_spread,
             share[:, None, None] * (known.sky_spread / sigma),
             (rim / sigma)[:, None],
-            over * ((known.environment - usual) * lighting_scale(k)),
+            of_reflected * ((known.environment - usual) * lighting_scale(k)),
             glow[:, 1:],
         ],
         dim=1,
     )
-    mean = glow[:, 0] + over[:, 0] * usual + share[:, None] * known.sky_mean / sigma
+    mean = glow[:, 0] + of_reflected[:, 0] * usual + share[:, None] * known.sky_mean / sigma
     r, scale = k + TERMS, (known.basis**2).sum(dim=1).sqrt()
     basis = known.basis / scale[:, None]
-    rows, error = rows @ basis.T, (glass * known.error / sigma) ** 2
+    rows, error = rows @ basis.T, (reflected * known.error / sigma) ** 2
     of_d, of_x = rows[:, :-r], rows[:, -r:]
     gram = of_d.transpose(1, 2) @ of_d + (basis * error[:, None]) @ basis.T
     # S^-1 without the difference in S, which would cancel

@@ -16,7 +16,7 @@ of water vapour, and ground colder and warmer than the air) and of V, uniform on
 
 Error. A pixel of material m looks, in noise units, s_m - s_m' away from what material m' would
 look like there. By other T and V, and by what the k objects say wrongly of its surroundings, m'
-comes nearer along its leverage J (`identifiability`), as far as the prior P of those unknowns
+comes nearer along its Jacobian J (`identifiability`), as far as the prior P of those unknowns
 lets it:
 
     d^2 = min over x of |s_m - s_m' - J x|^2 + x' P^-1 x
@@ -49,7 +49,7 @@ from .bands import equidistant_bands
 from .eq1 import render
 from .errors import InputError
 from .estimate import ERROR_K
-from .identifiability import leverage
+from .identifiability import jacobian
 from .library import SKY
 from .planck import noise_sigma, radiance
 from .prior import MIN_TEMPERATURE_SPREAD_K
@@ -165,7 +165,7 @@ class _Belief(NamedTuple):
 
 
 class _Model:
-    """Signals and leverages of all scenes and materials, ready for a filter anywhere."""
+    """Signals and Jacobians of all scenes and materials, ready for a filter anywhere."""
 
     def __init__(self, library, scenes):
         materials = [name for name in library.names if name != SKY]
@@ -184,7 +184,7 @@ class _Model:
         for t, environment, v in zip(*scenes, strict=True):
             t, environment = np.full(len(e), t), environment[:, inside]
             signal.append(render(t, e, v, environment, w)[0])
-            j = leverage(w, 1.0, e, environment, t)
+            j = jacobian(w, 1.0, e, environment, t)
             lean.append(np.concatenate([j, error], axis=2))
         # integrals over wavelength from the lowest to each edge of the fine bands
         self._signal, self._lean = (
@@ -277,7 +277,7 @@ class _Model:
         )
 
     def _filter(self, centre, width):
-        """Signal (D, m) and leverage (D, m, r) through a filter, in noise units."""
+        """Signal (D, m) and Jacobian (D, m, r) through a filter, in noise units."""
         key = (round(centre, 6), round(width, 6))
         if key not in self._seen:
             noise = width * noise_sigma(centre, NETD_K / width)

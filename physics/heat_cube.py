@@ -48,10 +48,10 @@ def check_wavelength(wavelength_um, what):
     return w
 
 
-def sampling_step(shape, most):
-    """The step through a picture's pixels, row by row, that picks at least `most` of them, and of
+def sampling_step(shape, at_least):
+    """The step through a picture's pixels, row by row, that picks at_least so many of them, and of
     every column alike: it shares no factor with the width."""
-    step = max(1, shape[0] * shape[1] // most)
+    step = max(1, shape[0] * shape[1] // at_least)
     while math.gcd(step, shape[1]) > 1:
         step -= 1
     return step
@@ -160,20 +160,20 @@ class HeatCube:
         """(height * width, bands) float32, one row per pixel, row-major; a view."""
         return self.radiance.reshape(self.bands, -1).T
 
-    def sample(self, most):
-        """(n, bands) float64 spectra of a regular subsample of most pixels, or a few times that,
-        none of them dead."""
-        return self.pixels(self.regular_pixels(most))
+    def sample(self, at_least):
+        """(n, bands) float64 spectra of a regular subsample of at_least so many pixels, if there are
+        as many, and a few times that at most; none of them dead."""
+        return self.pixels(self.regular_pixels(at_least))
 
-    def regular_pixels(self, most):
+    def regular_pixels(self, at_least):
         """(n,) ascending indices into `spectra` of the pixels of `sample`."""
-        step = sampling_step(self.shape, most * self.dead.size // self.measured_count)
+        step = sampling_step(self.shape, at_least * self.dead.size // self.measured_count)
         at = np.arange(0, self.dead.size, step)
         return at[~self.dead.reshape(-1)[at]]
 
-    def random_pixels(self, rng, most):
-        """(n,) ascending indices into `spectra` of most pixels at random, none of them dead."""
-        pick = rng.choice(self.measured_count, min(self.measured_count, most), replace=False)
+    def random_pixels(self, rng, at_most):
+        """(n,) ascending indices into `spectra` of at_most pixels at random, none of them dead."""
+        pick = rng.choice(self.measured_count, min(self.measured_count, at_most), replace=False)
         return np.sort(np.flatnonzero(~self.dead)[pick] if self.dead.any() else pick)
 
     def pixels(self, index):

@@ -18,7 +18,7 @@ import numpy as np
 from .planck import radiance_derivative
 
 
-def leverage(wavelength_um, noise, emissivity, environment, temperature_k):
+def jacobian(wavelength_um, noise, emissivity, environment, temperature_k):
     """(P, bands, k): how far a unit of T (K) and of V_1 ... V_{k-1} moves S~, in noise units.
 
     wavelength_um (bands,) um; noise (bands,) W m-2 sr-1 um-1; emissivity (P, bands);
@@ -33,9 +33,9 @@ def leverage(wavelength_um, noise, emissivity, environment, temperature_k):
 def cramer_rao(wavelength_um, noise, emissivity, environment, temperature_k):
     """Least standard deviation (P,) of T in K, V unknown; inf where T cannot be told.
 
-    Arguments as of `leverage`.
+    Arguments as of `jacobian`.
     """
-    j = leverage(wavelength_um, noise, emissivity, environment, temperature_k)
+    j = jacobian(wavelength_um, noise, emissivity, environment, temperature_k)
     j_t, j_v = j[..., 0], j[..., 1:]
     # lengths of j_V are immaterial: what is far below noise is still a direction V may take
     u, s, _ = np.linalg.svd(j_v, full_matrices=False)

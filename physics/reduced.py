@@ -152,10 +152,10 @@ def reduce_model(
     emissivity = curves.mean(axis=-1)[of.curve]
     series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.curve]  # (R, n, bands)
     terms = series.shape[1]
-    glass = (1 - of.share)[:, None] * (1 - emissivity)  # what of the surroundings shows
-    a, u = _rows(of, series, glass, environment, sigma, radiance(w, t.prior_mean))
+    reflected = (1 - of.share)[:, None] * (1 - emissivity)  # what of the surroundings shows
+    a, u = _rows(of, series, reflected, environment, sigma, radiance(w, t.prior_mean))
     error = noise_sigma(w, environment.error_k) / sigma
-    scale = 1 / np.sqrt(1 + (glass * error) ** 2)
+    scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
 
     # P = scale (I - D D') scale, D = U (I + U'U)^-T/2 (Woodbury)
@@ -231,16 +231,16 @@ def _hypotheses(library, environment):
     return _Hypotheses(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _rows(of, series, glass, environment, sigma, black):
+def _rows(of, series, reflected, environment, sigma, black):
     """A' (R, r, bands) and U' (R, d, bands) of _Hypotheses; black (bands,) is B(T_prior)."""
-    share, glass = of.share[:, None, None], glass[:, None]
+    share, reflected = of.share[:, None, None], reflected[:, None]
     sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
-    a = np.concatenate([(1 - share) * series, glass * environment.radiance / sigma], axis=1)
+    a = np.concatenate([(1 - share) * series, reflected * environment.radiance / sigma], axis=1)
     a[:, 0] += share[:, 0] * sky_mean / sigma
     u = np.concatenate(
         [
-            glass * environment.spread / sigma,
-            glass * environment.skylight_spread / sigma,
+            reflected * environment.spread / sigma,
+            reflected * environment.skylight_spread / sigma,
             share * environment.sky_spread / sigma,
             of.share_sigma[:, None, None] * ((sky_mean - black) / sigma),
         ],

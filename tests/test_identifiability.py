@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physics.identifiability import cramer_rao, leverage
+from physics.identifiability import cramer_rao, jacobian
 from physics.planck import noise_sigma, radiance, radiance_derivative
 
 W = np.linspace(8, 14, 12)
@@ -19,7 +19,7 @@ def test_a_black_body_is_known_as_well_as_its_slope_says():
 
 
 def test_the_inverse_of_the_information_says_the_same():
-    j = leverage(W, NOISE, E[None], ENVIRONMENT, np.array([290.0]))[0]
+    j = jacobian(W, NOISE, E[None], ENVIRONMENT, np.array([290.0]))[0]
     assert cramer_rao(W, NOISE, E[None], ENVIRONMENT, np.array([290.0]))[0] == pytest.approx(
         np.sqrt(np.linalg.inv(j.T @ j)[0, 0]), rel=1e-9
     )
