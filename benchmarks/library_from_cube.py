@@ -9,7 +9,8 @@ materials are matched with the true ones of at least 1 % of the pixels so that m
 
     scenes.csv     per scene: how many materials, purity (share of the pixels that are of their
                    cluster's commonest true material) and adjusted Rand index over pixels
-                   that neither takes for sky, T and texture with both libraries
+                   that neither takes for sky, T, how many of its errors lie within two sigmas, and
+                   texture, with both libraries
     materials.csv  per matched material: its share, RMS error of e over bands, mean error of e,
                    and RMS error of e less the mean error
 
@@ -33,7 +34,9 @@ from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import decompose
 
 BANDS, METHODS, LEAST_SHARE = 54, ("local", "net+sgd"), 0.01
-COMPARED = ("temperature_rmse_k", "temperature_mae_k", "texture_correlation")
+COMPARED = (
+    "temperature_rmse_k", "temperature_mae_k", "within_2_sigma", "texture_correlation",
+)  # fmt: skip
 
 
 def of_scene(name, cube, truth, exact, found):

@@ -45,6 +45,7 @@ MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials
 ENVIRONMENT_OBJECTS = 5
 EMISSIVITY_MAX, EMISSIVITY_MAX_SIGMA = 0.96, 0.01
+LEVEL_SIGMA = 0.02  # of the curves found, beside which T is off likewise
 ROUGHNESS = 0.002  # standard deviation of a true curve's second differences between bands
 TEMPERATURES, FINER = 30, 8  # tried per pixel, and then between two of those
 OVER_K = 3.0  # of the hottest T over the hottest brightness temperature
@@ -131,7 +132,8 @@ class _Scene(NamedTuple):
         beyond = 0.5 * max(width.max(), np.diff(w).max())  # as far as any band reaches
         e = np.pad(np.concatenate([self.sky_curve[None], curves]), ((0, 0), (1, 1)), mode="edge")
         grid = np.concatenate([[w[0] - beyond], w, [w[-1] + beyond]])
-        return MaterialLibrary(names, grid, e, descriptions=descriptions)
+        level = [0.0] + [LEVEL_SIGMA] * (len(names) - 1)  # the first is the sky
+        return MaterialLibrary(names, grid, e, descriptions=descriptions, level_sigma=level)
 
 
 # --- 1. emissivity -----------------------------------------------------------------------

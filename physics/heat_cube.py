@@ -161,8 +161,8 @@ class HeatCube:
         return self.radiance.reshape(self.bands, -1).T
 
     def sample(self, at_least):
-        """(n, bands) float64 spectra of a regular subsample of at_least so many pixels, if there are
-        as many, and a few times that at most; none of them dead."""
+        """(n, bands) float64 spectra of a regular subsample of at_least so many pixels, if there
+        are, and a few times that at most; none of them dead."""
         return self.pixels(self.regular_pixels(at_least))
 
     def regular_pixels(self, at_least):

@@ -4,9 +4,9 @@ A library file is JSON:
 
     {"wavelength_um": [...],
      "materials": [{"name": "water", "emissivity": [...], "hue_deg": 210,
-                    "albedo_rgb": [r, g, b], "description": "..."}, ...]}
+                    "albedo_rgb": [r, g, b], "description": "...", "level_sigma": 0}, ...]}
 
-`hue_deg`, `albedo_rgb` and `description` may be left out of any material; names that the starter
+All but `name` and `emissivity` may be left out of any material; names that the starter
 library holds have its hue then. The sky is the material named "sky"; its curve is 1 - transmittance
 of the atmosphere towards the zenith.
 """
@@ -38,6 +38,8 @@ class MaterialLibrary:
                    name, else one between the others
     albedo_rgb     (materials, 3) reflectance in visible light, 0..1; 0.4 if not given
     descriptions   per material: sources and modelling choices; may be empty strings
+    level_sigma    (materials,) one standard deviation by which all of a curve may be off together;
+                   0 if not given
 
     Raises InputError where the data are not that.
     """
@@ -48,6 +50,7 @@ class MaterialLibrary:
     hue_deg: np.ndarray | None = None
     albedo_rgb: np.ndarray | None = None
     descriptions: tuple[str, ...] | None = None
+    level_sigma: np.ndarray | None = None
 
     def __post_init__(self):
         names = tuple(str(n) for n in self.names)
@@ -79,11 +82,15 @@ class MaterialLibrary:
             raise InputError("library: albedo_rgb must hold three values in 0..1 per material.")
         if len(text) != m:
             raise InputError("library: descriptions must hold one text per material.")
-        for array in (e, hue, rgb):
+        level = np.zeros(m) if self.level_sigma is None else self.level_sigma
+        level = np.array(numbers(level, "library: level_sigma"), float)
+        if level.shape != (m,) or not ((level >= 0) & (level < 1)).all():
+            raise InputError("library: level_sigma must hold one value in 0..1 per material.")
+        for array in (e, hue, rgb, level):
             array.setflags(write=False)
         fields = dict(
             names=names, wavelength_um=w, emissivity=e,
-            hue_deg=hue, albedo_rgb=rgb, descriptions=text,
+            hue_deg=hue, albedo_rgb=rgb, descriptions=text, level_sigma=level,
         )  # fmt: skip
         for key, value in fields.items():
             object.__setattr__(self, key, value)
@@ -114,6 +121,7 @@ class MaterialLibrary:
         return MaterialLibrary(
             [self.names[j] for j in i], self.wavelength_um, self.emissivity[i],
             self.hue_deg[i], self.albedo_rgb[i], [self.descriptions[j] for j in i],
+            self.level_sigma[i],
         )  # fmt: skip
 
     def mirrors(self, wavelength_um):
@@ -140,10 +148,10 @@ class MaterialLibrary:
         """Write a library file (JSON, see the module), one material a line, whole or not at all."""
         rows = [
             {"name": n, "emissivity": list(e), "hue_deg": h, "albedo_rgb": list(rgb),
-             "description": text}
-            for n, e, h, rgb, text in zip(
+             "description": text} | ({"level_sigma": level} if level else {})
+            for n, e, h, rgb, text, level in zip(
                 self.names, self.emissivity, self.hue_deg, self.albedo_rgb, self.descriptions,
-                strict=True,
+                self.level_sigma, strict=True,
             )
         ]  # fmt: skip
         write_library_file(path, list(self.wavelength_um), rows)
@@ -172,6 +180,7 @@ class MaterialLibrary:
                 _fill_hues([r["name"] for r in rows], [r.get("hue_deg") for r in rows]),
                 [r.get("albedo_rgb", GREY) for r in rows],
                 [r.get("description", "") for r in rows],
+                [r.get("level_sigma", 0.0) for r in rows],
             )  # fmt: skip
         except InputError:
             raise

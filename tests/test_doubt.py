@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+from scipy.optimize import minimize_scalar
 from traced import one_thread, traced  # noqa: F401
 
-from physics import HeatCube
+from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
 from physics.planck import brightness_temperature, noise_sigma, radiance
 from texnet.cli import main
@@ -19,6 +20,7 @@ from texnet.doubt import (
     sigma_among_neighbours,
     unsure,
     with_calibration_error,
+    with_level_error,
 )
 from texnet.pipeline import decompose
 
@@ -121,3 +123,32 @@ def test_where_the_noise_was_raised_more_is_unknown():
     np.testing.assert_array_equal(unsure(maps, 1.01, 0.25, 54)[0], True)
     maps["residual"][1] = np.nan
     assert unsure(maps, 1.01, 0.25, 54)[:2].all() and not unsure(maps, 1.01, 0.25, 54)[2:].any()
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(250, 330), st.floats(0.3, 0.95), st.floats(0.001, 0.02))
+def test_a_level_error_of_a_curve_moves_t_as_eq_1_solved_anew_says(t, e, level):
+    """S as it is, with the curve higher by its sigma: T by least squares over all bands."""
+    w = np.linspace(8, 14, 20)
+    curve = e + 0.04 * np.sin(2 * w)
+    light = 0.5 * radiance(w, 260.0)
+    s = curve * radiance(w, t) + (1 - curve) * light
+    cube = HeatCube(np.tile(s[:, None, None], (1, 2, 3)), w, netd_k=0.05)
+    higher = curve + level
+
+    def misfit(guess):
+        return ((higher * radiance(w, guess) + (1 - higher) * light - s) / cube.sigma) ** 2
+
+    found = minimize_scalar(lambda g: misfit(g).sum(), bounds=(t - 40, t + 40), method="bounded").x
+    maps = {
+        "material": np.zeros((2, 3), np.int16), "temperature_k": np.full((2, 3), t),
+        "texture": np.tile(light[:, None, None], (1, 2, 3)),
+    }  # fmt: skip
+    library = MaterialLibrary(("a", "b"), w, [curve, curve], level_sigma=[level, 0])
+    sigma = with_level_error(np.full((2, 3), 0.3), maps, library, cube)
+    moved = abs(found - t)
+    np.testing.assert_allclose(sigma, np.hypot(0.3, moved), rtol=0.1)
+    maps["material"] += 1
+    np.testing.assert_array_equal(
+        with_level_error(np.full((2, 3), 0.3), maps, library, cube), np.float32(0.3)
+    )

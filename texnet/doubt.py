@@ -109,6 +109,25 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
     return out
 
 
+def with_level_error(sigma, maps, library, cube):
+    """sigma (height, width) K of a map of T, of maps by name, where a material's whole curve may be
+    off by the MaterialLibrary's level_sigma: by Eq. 7 that moves T by -de (B - X) / (e B')."""
+    if not library.level_sigma.any():
+        return sigma
+    w, out = cube.wavelength_um[:, None, None], scratch.empty(sigma.shape, np.float32)
+    curves = library.at(cube.wavelength_um).T  # (bands, materials)
+    for top in range(0, len(sigma), ROWS):
+        part = slice(top, top + ROWS)
+        material = maps["material"][part].astype(np.intp)
+        t = np.maximum(maps["temperature_k"][part], 1.0)
+        slope = curves[:, material] * radiance_derivative(w, t) / cube.sigma[:, None, None]
+        more = (radiance(w, t) - maps["texture"][:, part]) / cube.sigma[:, None, None]
+        moved = (slope * more).sum(axis=0) / (slope**2).sum(axis=0)
+        out[part] = np.hypot(sigma[part], library.level_sigma[material] * moved)
+        scratch.release(maps["texture"])
+    return out
+
+
 def _over_nine(of, padded):
     """(height, width) of (height + 2, width + 2): of every pixel and its neighbours."""
     rows = of(of(padded[:-2], padded[1:-1]), padded[2:])

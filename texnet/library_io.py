@@ -127,6 +127,7 @@ def with_sky(library):
         library.names + sky.names, w, np.vstack([library.at(w), sky.at(w)]),
         np.append(library.hue_deg, sky.hue_deg), np.vstack([library.albedo_rgb, sky.albedo_rgb]),
         library.descriptions + sky.descriptions,
+        np.append(library.level_sigma, sky.level_sigma),
     )  # fmt: skip
 
 

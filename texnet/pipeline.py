@@ -35,7 +35,13 @@ from physics.saturation import saturated
 from . import glance
 from .calibration import calibration, of_given, under_a_sky
 from .correction import RIGHT, corrected
-from .doubt import doubt_k, sigma_among_neighbours, unsure, with_calibration_error
+from .doubt import (
+    doubt_k,
+    sigma_among_neighbours,
+    unsure,
+    with_calibration_error,
+    with_level_error,
+)
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
@@ -241,7 +247,7 @@ def decompose(
                 scratch.release(maps[name])
     if nets:
         lap("network")
-    maps = _doubted(maps, cube, shown, calibration_error_k, untold)
+    maps = _doubted(maps, library, cube, shown, calibration_error_k, untold)
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
         saturated=beyond, dead=dead, hot=burns,
@@ -269,11 +275,12 @@ def _calibration_or_sky(cube, environment, estimate, counting, look, library, un
     return shown, assumed, environment
 
 
-def _doubted(maps, cube, shown, calibration_error_k, untold):
+def _doubted(maps, library, cube, shown, calibration_error_k, untold):
     """maps by a method, with what edges, the calibration, as stated and as shown, and pixels that
     tell nothing add to sigma and unknown."""
     sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
     sigma = sigma_among_neighbours(sigma, t, maps["material"])
+    sigma = with_level_error(sigma, maps, library, cube)
     doubt = float(np.hypot(calibration_error_k, doubt_k(shown, cube)))
     if doubt:
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, doubt)
