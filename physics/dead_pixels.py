@@ -29,7 +29,7 @@ def lifted(radiance):
     """radiance (bands, height, width) whose values around zero are positive: a sky so cold that
     noise takes some of its bands below, though others show it. Itself if there are none, else a
     read-only copy."""
-    if not any((band < 0).any() for band in scratch.parts(radiance)):
+    if not any(_below_zero(band) for band in scratch.parts(radiance)):
         return radiance
     usual, shown = np.zeros(len(radiance)), np.zeros(radiance.shape[1:], bool)
     for b, band in enumerate(scratch.parts(radiance)):
@@ -115,6 +115,11 @@ def filled(radiance, dead, dark):
 def without_dead(radiance, dead):
     """A copy of radiance, read-only, whose dead pixels are NaN."""
     return _copy(radiance, dead, lambda band: np.nan, np.zeros(len(radiance), bool))
+
+
+def _below_zero(band):
+    least = band.min()  # several times faster than looking at each
+    return least < 0 or (np.isnan(least) and (band < 0).any())
 
 
 def _bad(band, limit):

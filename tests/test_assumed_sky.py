@@ -98,4 +98,5 @@ def test_it_is_said(tmp_path, capsys):
     text, result, arrays = said(capsys, tmp_path / "ground.npz", tmp_path / "out")
     assert result["sky_assumed"] and not result["sky_in_view"]
     assert "none in view: a usual clear one is assumed" in text
+    assert result["k_chosen"] and f"k = {result['k']}, chosen" in text
     assert arrays["sky"].tolist() == [0]

@@ -43,6 +43,14 @@ def test_ground_alone_needs_a_sky_and_what_else_there_is(forest):
     assert len(answer.environment) >= 2 and answer.sky_assumed
 
 
+def test_by_default_it_is_five_under_a_sky_and_found_elsewhere(forest):
+    ground = HeatCube(forest.radiance[:, 30:], W, FWHM, 0.05)
+    assert len(decompose(forest, method="local").environment) == 5
+    by_default, auto = (decompose(ground, method="local", k=k) for k in (None, "auto"))
+    np.testing.assert_array_equal(by_default.environment, auto.environment)
+    assert 2 <= len(by_default.environment) < 5
+
+
 def test_the_order_of_the_library_does_not_matter(forest):
     library = MaterialLibrary.starter()
     turned = library.subset(library.names[::-1])

@@ -23,6 +23,7 @@ DPI = 130
 TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
 RADIANCE = "W/m²/sr/µm"
+STRETCHED = 8.0  # a picture so many times as wide as high, or as high as wide, fills its panel
 LEAST_SHARE, MOST_NAMES = 0.001, 16  # of the pixels, and of materials in a legend
 LETTER_INCHES, LINE_INCHES = 0.067, 0.19  # of a legend's text
 
@@ -213,9 +214,17 @@ def _bare(ax, title):
     ax.set_facecolor("0.85")
 
 
+def _aspect(picture):
+    height, width = picture.shape[:2]
+    return "auto" if max(height, width) >= STRETCHED * min(height, width) else "equal"
+
+
 def _show(ax, title, cmap, picture, span):
     _bare(ax, title)
-    image = ax.imshow(picture, cmap=cmap, vmin=span[0], vmax=span[1], interpolation="nearest")
+    image = ax.imshow(
+        picture, cmap=cmap, vmin=span[0], vmax=span[1], interpolation="nearest",
+        aspect=_aspect(picture),
+    )  # fmt: skip
     if picture.dtype != bool:
         bar = ax.figure.colorbar(image, cax=ax.inset_axes((1.02, 0.05, 0.05, 0.9)))
         bar.ax.tick_params(labelsize=SMALL)
@@ -240,7 +249,7 @@ def _show_materials(ax, title, answer, hues, blank=False):
     picture = np.rint(255 * colours).astype(np.uint8)[answer.material]
     if np.any(blank):
         picture = np.dstack([picture, np.where(blank, 0, 255).astype(np.uint8)])
-    ax.imshow(picture, interpolation="nearest")
+    ax.imshow(picture, interpolation="nearest", aspect=_aspect(picture))
 
 
 def _legend(hues, d, truth=None):
