@@ -65,6 +65,16 @@ def test_the_sky_is_found_by_cameras_that_see_no_opaque_band(name, last_um):
     assert np.abs(t - of_whole).max() < 5
 
 
+def test_what_is_like_sky_is_none_where_it_lies_among_the_rest():
+    """As snow does from straight above; a picture upside down has none either."""
+    cube, truth = traced("forest")
+    e = estimate_environment(cube, LIBRARY)
+    rows = np.random.default_rng(0).permutation(cube.shape[0])
+    for order in (rows, np.arange(cube.shape[0])[::-1]):
+        turned = replace(cube, radiance=cube.radiance[:, order])
+        assert e.sky and not estimate_environment(turned, LIBRARY).sky
+
+
 @pytest.mark.parametrize("name", OUTDOORS)
 @pytest.mark.parametrize("stuck", [False, True])
 def test_a_few_pixels_that_are_far_too_hot_light_nothing(name, stuck):
