@@ -43,6 +43,7 @@ def cube(tmp_path):
 
 
 def test_to_decompose_a_cube_needs_neither_torch_nor_numba(tmp_path, cube):
+    """But for numba, where objects are counted because no sky is in view."""
     code = (
         "import sys\n"
         "class Without:\n"
@@ -50,7 +51,7 @@ def test_to_decompose_a_cube_needs_neither_torch_nor_numba(tmp_path, cube):
         "        assert name not in ('torch', 'kornia', 'numba', 'embreex', 'onnx'), name\n"
         "sys.meta_path.insert(0, Without())\n"
         "from texnet.cli import main\n"
-        "sys.exit(main(['decompose', sys.argv[1], '--out', sys.argv[2]]))\n"
+        "sys.exit(main(['decompose', sys.argv[1], '--out', sys.argv[2], '--k', '5']))\n"
     )
     subprocess.run([sys.executable, "-c", code, cube, tmp_path / "out"], check=True)
 

@@ -167,8 +167,7 @@ def test_a_budget_sees_the_same_wavelengths():
         LIBRARY, wavelength_um=LIBRARY.wavelength_um[inside],
         emissivity=LIBRARY.emissivity[:, inside],
     )  # fmt: skip
-    method, k, _ = choose(cube, narrow, 4, 1e9, lambda _: None)
-    assert method in METHODS and k == 4
+    assert choose(cube, narrow, 4, 1e9, lambda _: None)[0] in METHODS
 
 
 def test_the_answer_is_that_of_right_wavelengths():
