@@ -102,8 +102,8 @@ def with_sky_in_view(environment, cube, library, seed=0):
 
 class Sample:
     """Pixels of a HeatCube that environments of any k are estimated from: spectra (n, bands) in
-    noise units, row (n,) how far down they lie, 0..1, sky (n,) which of them are sky, and inner
-    (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have.
+    noise units, row (n,) how far down its column each lies, 0..1, sky (n,) which of them are sky,
+    and inner (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have.
 
     Raises InputError for a band without light.
     """
@@ -123,7 +123,7 @@ class Sample:
         # K-means begins with what comes first: in this order, that is no matter of where pixels lie
         order = np.argsort(spectra.mean(axis=1), kind="stable")
         self.spectra, pick = spectra[order], pick[order]
-        self.row = pick // cube.shape[1] / cube.shape[0]
+        self.row = _row(cube.dead, pick)
         self.sky = self.inner = np.zeros(len(pick), bool)
         if library.sky_index is None:
             return
@@ -198,6 +198,16 @@ class Sample:
         mean = sky.mean(axis=0)
         scatter = SKY_SPREAD_SCALE * _principal(sky - mean)
         return dict(sky_mean=mean * sigma, sky_spread=scatter * sigma)
+
+
+def _row(dead, pick):
+    """(n,) how far down the measured part of its column each of the picked pixels lies, 0..1: a
+    strip may be askew."""
+    down, column = np.divmod(pick, dead.shape[1])
+    if not dead.any():
+        return down / len(dead)
+    measured = np.cumsum(~dead, axis=0)
+    return (measured[down, column] - 1) / measured[-1, column]
 
 
 def _not_saturated(radiance, wavelength_um):
