@@ -48,6 +48,9 @@ AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
 MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
 # misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY
 SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
+# where the best grey body is so far off, K, there is a sky, be it of another shape than any here; on
+# 50 scenes of no split that changed nothing
+UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 8.0, 0.7
 # beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
 # allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out
 OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BANDS = 13.0, 0.65, 8.4, 4
@@ -279,6 +282,8 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
     of_many = SKY_OVER_GREY_OF_WINDOW if ends_before else SKY_OVER_GREY_OF_MANY
     most = SKY_OVER_GREY if bands < MANY else of_many
+    if grey > UNLIKE_GREY_K:
+        most = max(most, SKY_OVER_GREY_OF_UNLIKE)
     return 1 - opacity[j].min() if sky < most * grey or bands < 3 else 0.0
 
 
