@@ -48,8 +48,8 @@ AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
 MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
 # misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY
 SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
-# where the best grey body is so far off, K, there is a sky, be it of another shape than any here; on
-# 50 scenes of no split that changed nothing
+# where the best grey body is so far off, K, there is a sky, be it of another shape than any here
+# (which changed nothing on 50 scenes of no split)
 UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 8.0, 0.7
 # beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
 # allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out
