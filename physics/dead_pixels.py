@@ -18,6 +18,7 @@ HOTTEST_K = 1e4  # of any pixel; beyond it a detector is dead
 # of a band's median: noise around no light, what then stands for it, and what a pixel that is so
 # shows in another band, at least
 FAINT, FLOOR, SHOWN = 0.1, 1e-3, 0.3
+MANY = 8  # pixels of a band that are so
 
 
 def lit(radiance):
@@ -33,12 +34,15 @@ def lifted(radiance):
         return radiance
     usual, shown = np.zeros(len(radiance)), np.zeros(radiance.shape[1:], bool)
     for b, band in enumerate(scratch.parts(radiance)):
-        usual[b] = np.nan_to_num(np.median(band))  # nothing of a band that holds NaN
-        shown |= np.isfinite(band) & (band > SHOWN * usual[b]) & (usual[b] > 0)
+        light = band[lit(band)]
+        if light.size:
+            usual[b] = np.median(light)
+            shown |= lit(band) & (band > SHOWN * usual[b])
     copy = scratch.empty(radiance.shape, np.float32)
     for to, band, m in zip(copy, scratch.parts(radiance), usual, strict=True):
         faint = shown & (band < 0) & (band > -FAINT * m)
-        to[:] = np.where(faint, np.float32(FLOOR * m), band)
+        alone = np.count_nonzero(faint) < MANY  # as a detector is that is stuck
+        to[:] = band if alone else np.where(faint, np.float32(FLOOR * m), band)
         scratch.release(copy)
     copy.setflags(write=False)
     return copy

@@ -58,8 +58,9 @@ OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BANDS = 13.0, 0.65, 8.4, 4
 # horizon; with one band or two, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, {1: 0.2, 2: 0.26}
 # of the picture's height, which sky lies above all else in the mean: on 48 scenes of no split 0.33
-# and more; what passed for sky from straight above, as snow at 220 K, 0.17 and less
-ABOVE = 0.25
+# and more; what passed for sky from straight above, as snow at 220 K, 0.17 and less. A sky that
+# reaches far down in a part of the columns alone is not told from that
+ABOVE = 0.2
 MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # the sky's objects, 0 being the clearest sky in view and 1 the clearest overhead, by the logarithm
 # of the air mass; for k = 1, 2, 3 or 4, 5 and more
@@ -156,7 +157,7 @@ class Sample:
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
         fit = _clusters(ground, k - len(skies), 3, self.seed)
         spread = _principal(ground - fit.cluster_centers_[fit.labels_]) * cube.sigma
-        spread = np.concatenate([spread, shine(self.hot, cube.dead.size)])
+        spread = np.concatenate([spread, shine(self.hot, cube.measured_count + self.hot.shape[1])])
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
             tuple(range(len(skies))), spread, _principal(deviations) * cube.sigma,
@@ -231,7 +232,7 @@ def _sky_clusters(cube, library, spectra, row, seed):
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
     of_sky = missing > max(least, MISSING_RATIO * missing.max())
     sky = of_sky[fit.labels_]
-    if sky.any() and not sky.all() and row.any() and row[~sky].mean() - row[sky].mean() < ABOVE:
+    if row.any() and sky.any() and 0.5 - row[sky].mean() < ABOVE * (1 - sky.mean()):
         of_sky[:] = False
     return fit, of_sky
 

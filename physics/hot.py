@@ -12,6 +12,7 @@ Found on 21 path-traced scenes of no split in 9 and 54 bands, in each of which a
 """
 
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,21 +25,32 @@ FAR_K, HOT_K = 50.0, 350.0  # above half of the pixels, and above what the sun h
 LIT, KNOWN = 0.05, 0.005
 
 
+_PARTED = WeakKeyDictionary()  # a cube is parted wherever it is looked at
+
+
 def far_hotter(cube):
-    """(height, width) bool, the pixels of a HeatCube that are far hotter than half of it, by its
-    middle band; dead ones are not."""
-    middle = cube.bands // 2
-    band, w = cube.radiance[middle], cube.wavelength_um[middle]
-    usual = brightness_temperature(w, np.median(band[~cube.dead]))
-    return (band > radiance(w, max(usual + FAR_K, HOT_K))) & ~cube.dead
+    """(height, width) bool, the pixels of a HeatCube that are far hotter than half of it, by two of
+    three of its bands; dead ones are not."""
+    some = np.unique([cube.bands // 4, cube.bands // 2, 3 * cube.bands // 4])
+    votes = np.zeros(cube.shape, np.uint8)
+    for band, w in zip(cube.radiance[some], cube.wavelength_um[some], strict=True):
+        usual = brightness_temperature(w, np.median(band[~cube.dead]))
+        votes += band > radiance(w, max(usual + FAR_K, HOT_K))
+    return (votes > len(some) // 2) & ~cube.dead
 
 
 def parted(cube):
     """A HeatCube without the pixels that are far hotter than the rest (itself if there are none),
     which (height, width) those are, and their radiance (bands, n)."""
-    hot = far_hotter(cube)
+    if cube not in _PARTED:
+        _PARTED[cube] = _parted(cube, far_hotter(cube))
+    cold, hot, alone = _PARTED[cube]
+    return (cube if cold is None else cold), hot, alone
+
+
+def _parted(cube, hot):
     if not hot.any():
-        return cube, hot, np.empty((cube.bands, 0), np.float32)
+        return None, hot, np.empty((cube.bands, 0), np.float32)
     alone = scratch.empty((cube.bands, np.count_nonzero(hot)), np.float32)
     for to, band in zip(alone, scratch.parts(cube.radiance), strict=True):
         to[:] = band[hot]
@@ -46,7 +58,7 @@ def parted(cube):
 
 
 def shine(hot, pixels):
-    """(d, bands) deviation of the surroundings for hot (bands, n), of so many pixels in all; d is
+    """(d, bands) deviation of the surroundings for hot (bands, n), of so many measured pixels; d is
     1, or 0 if there are none."""
     share = hot.shape[1] / pixels
     return min(LIT, share) * hot.mean(axis=1, dtype=np.float64)[None] if share else hot.T

@@ -85,7 +85,7 @@ class MaterialLibrary:
         level = np.zeros(m) if self.level_sigma is None else self.level_sigma
         level = np.array(numbers(level, "library: level_sigma"), float)
         if level.shape != (m,) or not ((level >= 0) & (level < 1)).all():
-            raise InputError("library: level_sigma must hold one value in 0..1 per material.")
+            raise InputError("library: level_sigma must hold one value >= 0 and < 1 per material.")
         for array in (e, hue, rgb, level):
             array.setflags(write=False)
         fields = dict(

@@ -102,6 +102,7 @@ def test_what_the_cube_finds_decomposes_it():
 
     cube, material = make(netd_k=0.05)
     library, _ = library_from_cube(cube)
+    assert library.level_sigma[0] == 0 and (library.level_sigma[1:] > 0).all()
     answer = decompose(cube, library, method="local")
     found = answer.material[12:].ravel()
     # each stripe is of one found material, a different one each

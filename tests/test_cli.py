@@ -43,7 +43,7 @@ def cube(tmp_path):
 
 
 def test_to_decompose_a_cube_needs_neither_torch_nor_numba(tmp_path, cube):
-    """But for numba, where objects are counted because no sky is in view."""
+    """But for numba, where no sky is in view and objects are counted, or a pixel is far hotter."""
     code = (
         "import sys\n"
         "class Without:\n"

@@ -1,5 +1,7 @@
 """The doubt that edges and the camera's calibration add to sigma of T."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,6 +24,7 @@ from texnet.doubt import (
     with_calibration_error,
     with_level_error,
 )
+from texnet.library_io import with_sky
 from texnet.pipeline import decompose
 
 
@@ -152,3 +155,38 @@ def test_a_level_error_of_a_curve_moves_t_as_eq_1_solved_anew_says(t, e, level):
     np.testing.assert_array_equal(
         with_level_error(np.full((2, 3), 0.3), maps, library, cube), np.float32(0.3)
     )
+    nothing = MaterialLibrary(("sky", "b"), w, [curve, 0 * curve], level_sigma=[0.1, level])
+    capped = with_level_error(np.full((2, 3), 0.3), maps, nothing, cube)
+    assert (capped <= np.hypot(0.3, 15) + 1e-4).all()
+    maps["material"] -= 1  # of sky T is the air's, whatever its curve
+    np.testing.assert_array_equal(
+        with_level_error(np.full((2, 3), 0.3), maps, nothing, cube), np.float32(0.3)
+    )
+
+
+def test_sigma_holds_what_the_level_of_the_curves_may_be_off():
+    cube, _ = traced("forest")
+    starter = MaterialLibrary.starter()
+    unsure_of_it = replace(starter, level_sigma=np.full(len(starter), 0.02))
+    a, b = (decompose(cube, library, method="local") for library in (starter, unsure_of_it))
+    np.testing.assert_array_equal(a.temperature_k, b.temperature_k)
+    ground = a.material != starter.sky_index
+    assert (b.temperature_sigma_k >= a.temperature_sigma_k - 1e-5).all()
+    more = np.sqrt(np.maximum(b.temperature_sigma_k**2 - a.temperature_sigma_k**2, 0))[ground]
+    assert 0.1 < np.median(more) < 2
+
+
+def test_the_level_of_a_curve_is_kept(tmp_path):
+    library = MaterialLibrary(("a", "b"), [7.0, 15.0], np.full((2, 2), 0.9), level_sigma=[0, 0.1])
+    library.save(tmp_path / "a.json")
+    assert "level_sigma" not in (tmp_path / "a.json").read_text().splitlines()[2]
+    for kept in (MaterialLibrary.load(tmp_path / "a.json"), library.subset(["a", "b"])):
+        assert kept.level_sigma.tolist() == [0, 0.1]
+    assert with_sky(library).level_sigma.tolist() == [0, 0.1, 0]
+    assert (MaterialLibrary.starter().level_sigma == 0).all()
+
+
+@pytest.mark.parametrize("wrong", [[0.1], [-0.1, 0], [1.0, 0], [np.nan, 0], "no"])
+def test_a_level_that_is_none_is_refused(wrong):
+    with pytest.raises(InputError, match="level_sigma must"):
+        MaterialLibrary(("a", "b"), [7.0, 15.0], np.full((2, 2), 0.9), level_sigma=wrong)

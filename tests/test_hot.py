@@ -66,6 +66,23 @@ def test_without_a_fire_nothing_is_parted():
     assert shine(alone, cube.dead.size).shape == (0, cube.bands)
 
 
+def test_one_wrong_band_makes_no_fire_and_hides_none():
+    cube = traced("patterned", 24, (24, 36))[0]
+    s = cube.radiance.copy()
+    s[12, 3, 4] = radiance(cube.wavelength_um[12], 420.0)
+    s[:, 7, 8] = radiance(cube.wavelength_um, 900.0)
+    s[12, 7, 8] = radiance(cube.wavelength_um[12], 300.0)
+    hot = np.argwhere(far_hotter(replace(cube, radiance=s)))
+    np.testing.assert_array_equal(hot, [[7, 8]])
+
+
+def test_the_sky_is_found_above_a_foreground_that_burns():
+    cube = traced("forest")[0]
+    s, top = cube.radiance.copy(), int(0.6 * cube.shape[0])
+    s[:, top:] = radiance(cube.wavelength_um[:, None, None], 600.0)
+    assert estimate_environment(replace(cube, radiance=s), LIBRARY).sky
+
+
 @pytest.mark.parametrize("share", [0.01, 0.45])
 def test_black_bodies_far_hotter_are_told_by_planck_alone(share):
     """Whatever surrounds them; up to half of the picture."""

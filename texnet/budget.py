@@ -13,6 +13,8 @@ import time
 from functools import partial
 from importlib.resources import files
 
+import numpy as np
+
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
@@ -41,7 +43,8 @@ def choose(cube, library, k, budget, model_of, progress=None):
     start = time.perf_counter()
     cube = prepared(cube, library).cube
     before = time.perf_counter() - start
-    objects = k if isinstance(k, int) else min(USUAL_OBJECTS, cube.measured_count)
+    whole = isinstance(k, (int, np.integer))
+    objects = k if whole else min(USUAL_OBJECTS, cube.measured_count)
     for _ in range(2):  # the first time loads
         start = time.perf_counter()
         environment = estimate_environment(cube, library, objects)
@@ -53,6 +56,8 @@ def choose(cube, library, k, budget, model_of, progress=None):
             d = run(thinned(cube, WARM), progress=progress)
         # of so many pixels as it is of all
         calibration = d.seconds.get("calibration", 0.0) / (cube.shape[0] * cube.shape[1])
+        if not whole:  # the objects are counted, too
+            calibration += d.seconds["environment"] / (cube.shape[0] * cube.shape[1])
         part = middle(cube, CROP)
         start = time.perf_counter()
         run(part, environment=environment, progress=progress)

@@ -9,6 +9,7 @@ import numpy as np
 
 from physics import scratch
 from physics.planck import noise_sigma, radiance, radiance_derivative
+from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # of the answer, below which it is unknown. The network's own probabilities are too low rather than
@@ -111,19 +112,25 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
 
 def with_level_error(sigma, maps, library, cube):
     """sigma (height, width) K of a map of T, of maps by name, where a material's whole curve may be
-    off by the MaterialLibrary's level_sigma: by Eq. 7 that moves T by -de (B - X) / (e B')."""
-    if not library.level_sigma.any():
+    off by the MaterialLibrary's level_sigma: by Eq. 7 that moves T by -de (B - X) / (e B'), though
+    by no more than is known of a scene's T beforehand. Of sky it moves none."""
+    level = library.level_sigma.copy()
+    if library.sky_index is not None:
+        level[library.sky_index] = 0.0
+    if not level.any():
         return sigma
-    w, out = cube.wavelength_um[:, None, None], scratch.empty(sigma.shape, np.float32)
-    curves = library.at(cube.wavelength_um).T  # (bands, materials)
+    curves, out = library.at(cube.wavelength_um), scratch.empty(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)
         material = maps["material"][part].astype(np.intp)
         t = np.maximum(maps["temperature_k"][part], 1.0)
-        slope = curves[:, material] * radiance_derivative(w, t) / cube.sigma[:, None, None]
-        more = (radiance(w, t) - maps["texture"][:, part]) / cube.sigma[:, None, None]
-        moved = (slope * more).sum(axis=0) / (slope**2).sum(axis=0)
-        out[part] = np.hypot(sigma[part], library.level_sigma[material] * moved)
+        along, square = np.zeros(t.shape), np.full(t.shape, np.finfo(np.float64).tiny)
+        for b, (w, noise) in enumerate(zip(cube.wavelength_um, cube.sigma, strict=True)):
+            slope = curves[material, b] * radiance_derivative(w, t) / noise
+            along += slope * (radiance(w, t) - maps["texture"][b, part]) / noise
+            square += slope**2
+        moved = np.minimum(np.abs(level[material] * along / square), MIN_TEMPERATURE_SPREAD_K)
+        out[part] = np.hypot(sigma[part], np.where(level[material] > 0, moved, 0.0))
         scratch.release(maps["texture"])
     return out
 

@@ -239,14 +239,17 @@ def decompose(
         maps = glance.answer(
             partial(run, environment), partial(look, environment), cold, len(library), expects=nets
         )
-        if burns.any():
-            from .exact import solve_hot
-
-            for name, a in solve_hot(cold, burning, library, environment).items():
-                maps[name][..., burns] = a
-                scratch.release(maps[name])
     if nets:
         lap("network")
+    if burns.any():
+        from .exact import solve_hot  # numba takes a second to load
+
+        with compiling(progress):
+            of_hot = solve_hot(cold, burning, library, environment)
+        for name, a in of_hot.items():
+            maps[name][..., burns] = a
+            scratch.release(maps[name])
+        lap("hot")
     maps = _doubted(maps, library, cube, shown, calibration_error_k, untold)
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
