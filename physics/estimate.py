@@ -232,6 +232,7 @@ def _sky_clusters(cube, library, spectra, row, seed):
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
     of_sky = missing > max(least, MISSING_RATIO * missing.max())
     sky = of_sky[fit.labels_]
+    # rows are a half in the mean, those of hot pixels, which are not here, included
     if row.any() and sky.any() and 0.5 - row[sky].mean() < ABOVE * (1 - sky.mean()):
         of_sky[:] = False
     return fit, of_sky
