@@ -260,8 +260,8 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
 @pytest.mark.parametrize(
     "name, text, sentence",
     [
-        ("a.csv", "wavelength,water\n8,0.9\n", "headed wavelength_um or wavenumber_cm1"),
-        ("a.csv", "wavelength_um;water\n8;0,9\n", "commas in between"),
+        ("a.csv", "wavelength,water\n8,0.9\n", "headed wavelength_um or wavelength_nm or"),
+        ("a.csv", "wavelength_um;water\n8;0,9\n", "with a decimal point"),
         ("a.csv", "", "headed wavelength_um"),
         ("a.csv", "wavelength_um,water\n", "a row per wavelength"),
         ("a.csv", "wavelength_um\n8\n", "a column per material"),

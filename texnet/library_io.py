@@ -13,12 +13,9 @@ ENVI spectral libraries, a `.hdr` beside a binary (`.sli`): see `envi`. Their y 
 whether they hold emissivity or hemispherical reflectance; what no spectrum has within 7 to 15 um
 is left out.
 
-`.csv`: header `wavelength_um,name1,name2,...` or `wavenumber_cm1,...`, one row per wavelength,
-emissivity 0..1.
+`.csv`: a `text_table` with one column a material, emissivity 0..1.
 """
 
-import csv
-import math
 import re
 from pathlib import Path
 
@@ -29,16 +26,14 @@ from physics.library import SKY, MaterialLibrary
 
 from .envi import read_spectra
 from .mat_file import read_mat
+from .text_table import MAX_GAP_UM, ascending, number, read_table, to_um
 
 DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
 DARK, BRIGHT = 0.5, 0.99  # means of emissivity that not all of a library's solids have
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
-MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
-WAVENUMBERS_CM1 = (100.0, 10_000.0)  # 100 to 1 um; outside it is no wavenumber in cm-1
 PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
 AXES = {"matLib": "bands x materials", "emiLib": "materials x bands"}
-COLUMNS = ("wavelength_um", "wavenumber_cm1")
 KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
 
 
@@ -175,7 +170,8 @@ def _read_mat(path, wavenumbers_cm1, names):
             f"library: {bands} bands from {first:g} to {last:g} cm-1 are no grid; "
             "give two different ends and two or more bands."
         )
-    w, e, order = _ascending(_from_wavenumber(np.linspace(first, last, bands)), e)
+    nu = np.linspace(first, last, bands)
+    w, e, order = ascending(to_um(nu, "cm-1", "library"), e, "library")
     words = [
         f"HADAR .mat, {key} ({AXES[key]}), {materials} materials",
         f"{bands} bands equidistant from {first:g} to {last:g} cm-1 became "
@@ -206,40 +202,8 @@ def _mat_table(path):
 
 
 def _read_csv(path):
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if any(c.strip() for c in row)]
-    except (UnicodeDecodeError, csv.Error) as e:
-        raise InputError(f"library: {path} is no CSV text in UTF-8 ({e}).") from e
-    header = [cell.strip() for cell in rows[0][1]] if rows else [""]
-    if header[0] not in COLUMNS:
-        raise InputError(
-            f"library: the first column of {path} must be headed wavelength_um or "
-            f"wavenumber_cm1, commas in between, but its header starts with {header[0][:60]!r}."
-        )
-    unit, names = header[0], header[1:]
-    values = []
-    for line, row in rows[1:]:
-        numbers = [_number(cell) for cell in row]
-        if len(row) != len(header) or None in numbers:
-            raise InputError(
-                f"library: line {line} of {path} must hold {len(header)} numbers, as many as the "
-                "header has columns, with a decimal point."
-            )
-        values.append(numbers)
-    if not values or not names:
-        raise InputError(
-            f"library: {path} must hold a column per material and a row per wavelength."
-        )
-    table = np.array(values).T
-    w = table[0] if unit == "wavelength_um" else _from_wavenumber(table[0])
-    w, e, order = _ascending(w, table[1:])
+    names, w, e, words = read_table(path, "library", "material")
     _check_gaps(w, path, f"give rows at most {MAX_GAP_UM:g} um apart")
-    words = [
-        f"CSV with {unit}, {len(names)} materials",
-        f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",
-    ]
     return names, w, e, [f"From {path.name}."] * len(names), words
 
 
@@ -254,8 +218,8 @@ def _read_envi(path):
             f"library: {path.name} does not say whether it holds emissivity or reflectance; write "
             "y axis title = Emissivity, or Reflectance if it is hemispherical, into its header."
         )
-    um = {"um": lambda x: x, "nm": lambda x: x / 1e3, "cm-1": _from_wavenumber}[spectra.axis]
-    w, values, order = _ascending(um(spectra.centre), spectra.values)
+    w = to_um(spectra.centre, spectra.axis, "library")
+    w, values, order = ascending(w, spectra.values, "library")
     low, high = TEXT_RANGE_UM
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
@@ -387,7 +351,7 @@ def _read_text(path):
 
     # By the last key, because descriptions run over lines and the number of keys varies.
     rows = [line.split() for line in lines[matches[-1][0] + 1 :] if line.strip()]
-    numbers = [[_number(cell) for cell in row] for row in rows]
+    numbers = [[number(cell) for cell in row] for row in rows]
     pairs = [row for row in numbers if len(row) == 2 and None not in row]
     good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # less marks what is not measured
     # Instruments that meet at one wavelength both give it: their mean.
@@ -427,41 +391,6 @@ def _unique(names):
 
 
 # --- shared ------------------------------------------------------------------------------
-
-
-def _number(text):
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
-def _from_wavenumber(nu):
-    """Wavelength in um of wavenumbers in cm-1: 1e4 / nu."""
-    low, high = WAVENUMBERS_CM1
-    if nu.min() < low or nu.max() > high:
-        raise InputError(
-            f"library: wavenumbers {nu.min():g}-{nu.max():g} leave {low:g}-{high:g} cm-1; "
-            "give them in cm-1 (10 um is 1000 cm-1)."
-        )
-    return 1e4 / nu
-
-
-def _ascending(w, e):
-    """w and e (materials, n) in ascending order of w, and words on what that took."""
-    order = np.argsort(w)
-    repeats = w[order][1:] == w[order][:-1]
-    if repeats.any():
-        raise InputError(
-            f"library: the wavelength {w[order][1:][repeats][0]:g} um is there twice; "
-            "give each once."
-        )
-    if (np.diff(order) == 1).all():
-        words = ""
-    else:
-        words = ", order reversed" if (np.diff(order) == -1).all() else ", sorted"
-    return w[order], e[:, order], words
 
 
 def _named_sky(names, sky):

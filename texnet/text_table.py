@@ -1,0 +1,110 @@
+"""Spectra in a text file: a header with the axis and the columns' names, then a row per wavelength.
+
+Columns are apart by what comes first in the header of comma, semicolon and tab, or by blanks. Lines
+that begin with # are comments, but for the header that numpy.savetxt writes so.
+"""
+
+import csv
+import math
+
+import numpy as np
+
+from physics.errors import InputError
+
+AXES = {"wavelength_um": "um", "wavelength_nm": "nm", "wavenumber_cm1": "cm-1"}  # and their units
+WAVENUMBERS_CM1 = (100.0, 10_000.0)  # 100 to 1 um; outside it is no wavenumber in cm-1
+MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
+
+
+def read_table(path, what, column):
+    """The text table at path -> the columns' names, wavelengths (n,) um, ascending, values
+    (columns, n), and words on what was converted.
+
+    what, column  words for the table and for a column, such as library and material
+
+    Raises InputError where the file cannot be read or is no such table.
+    """
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            rows = _rows(file)
+    except OSError as e:
+        raise InputError(f"{what}: cannot read {path}: {e.strerror}.") from e
+    except (UnicodeDecodeError, csv.Error) as e:
+        raise InputError(f"{what}: {path} is no table in UTF-8 text ({e}).") from e
+    axis, *names = rows[0][1] if rows else [""]
+    if axis not in AXES:
+        raise InputError(
+            f"{what}: the first column of {path} must be headed {' or '.join(AXES)}, but its "
+            f"header starts with {axis[:60]!r}."
+        )
+    values = []
+    for line, cells in rows[1:]:
+        values.append([number(cell) for cell in cells])
+        if len(cells) != len(names) + 1 or None in values[-1]:
+            raise InputError(
+                f"{what}: line {line} of {path} must hold {len(names) + 1} numbers, as many as the "
+                "header has columns, with a decimal point."
+            )
+    if not values or not names:
+        raise InputError(
+            f"{what}: {path} must hold a column per {column} and a row per wavelength."
+        )
+    table = np.array(values).T
+    w, columns, order = ascending(to_um(table[0], AXES[axis], what), table[1:], what)
+    words = [
+        f"table with {axis}, {len(names)} {column}s",
+        f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",
+    ]
+    return names, w, columns, words
+
+
+def _rows(lines):
+    """[(line number from 1, cells)] of all lines but blank ones and comments."""
+    lines = [(n, line.strip()) for n, line in enumerate(lines, 1)]
+    lines = [
+        (n, line.lstrip("# "))
+        for n, line in lines
+        if line and (line[0] != "#" or line.lstrip("# ").startswith(tuple(AXES)))
+    ]
+    mark = next((c for _, header in lines[:1] for c in header if c in ",;\t"), None)
+    apart = (lambda line: next(csv.reader([line], delimiter=mark))) if mark else str.split
+    return [(n, [cell.strip() for cell in apart(line)]) for n, line in lines]
+
+
+def number(text):
+    """The finite number that a text is, or None."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def to_um(x, unit, what):
+    """Wavelengths in um of x (n,) in um, nm or cm-1. Raises InputError where it is not in cm-1."""
+    if unit != "cm-1":
+        return x / 1e3 if unit == "nm" else x
+    low, high = WAVENUMBERS_CM1
+    if x.min() < low or x.max() > high:
+        raise InputError(
+            f"{what}: wavenumbers {x.min():g}-{x.max():g} leave {low:g}-{high:g} cm-1; "
+            "give them in cm-1 (10 um is 1000 cm-1)."
+        )
+    return 1e4 / x
+
+
+def ascending(w, values, what):
+    """w (n,) and values (columns, n) in ascending order of w, and words on what that took. Raises
+    InputError where one is there twice."""
+    order = np.argsort(w)
+    repeats = w[order][1:] == w[order][:-1]
+    if repeats.any():
+        raise InputError(
+            f"{what}: the wavelength {w[order][1:][repeats][0]:g} um is there twice; "
+            "give each once."
+        )
+    if (np.diff(order) == 1).all():
+        words = ""
+    else:
+        words = ", order reversed" if (np.diff(order) == -1).all() else ", sorted"
+    return w[order], values[:, order], words
