@@ -5,6 +5,7 @@ import numpy as np
 from .errors import InputError
 
 MAX_SPACING_UM = 0.125
+NARROW_UM = 1e-4  # the least width of a mean
 
 
 def quadrature(wavelength_um, fwhm_um):
@@ -25,6 +26,23 @@ def band_means(spectrum, nodes_um):
     (..., m)."""
     w, at = np.unique(nodes_um, return_inverse=True)
     return spectrum(w)[..., at.reshape(nodes_um.shape)].mean(axis=-1)
+
+
+def means_of_samples(wavelength_um, spectra, centre_um, fwhm_um):
+    """(k, bands) means over box bands of spectra, linear between their samples and constant beyond:
+    exact, be the samples fine or coarse.
+
+    wavelength_um, spectra  (n,) in um, ascending, and (k, n)
+    centre_um, fwhm_um      (bands,) centres and widths in um
+    """
+    half = np.maximum(fwhm_um, NARROW_UM) / 2
+    low, high = centre_um - half, centre_um + half
+    w = np.union1d(wavelength_um, [low, high])
+    s = np.stack([np.interp(w, wavelength_um, spectrum) for spectrum in spectra])
+    steps = (s[:, 1:] + s[:, :-1]) / 2 * np.diff(w)
+    area = np.pad(np.cumsum(steps, axis=1), ((0, 0), (1, 0)))
+    at_low, at_high = np.searchsorted(w, low), np.searchsorted(w, high)
+    return (area[:, at_high] - area[:, at_low]) / (w[at_high] - w[at_low])
 
 
 def equidistant_bands(n, low_um=8.0, high_um=14.0):

@@ -11,7 +11,7 @@ from .planck import brightness_temperature, radiance_derivative
 from .planck import radiance as planck_radiance
 from .prior import lighting_scale, scene_temperatures
 
-FAR_HOTTER_K = 100.0  # than the cube: in other units
+FAR_K = 100.0  # from the cube: in other units
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,15 +116,29 @@ class Environment:
         return replace(self, spread=np.concatenate([self.spread, rows]))
 
     def check(self, cube):
-        """Raise InputError unless the environment may be that of a HeatCube: of its bands, and with
-        an object that is no hotter than its pixels by far."""
+        """Raise InputError unless the environment may be that of a HeatCube: of its bands, with an
+        object that is no hotter than its pixels by far, with none that is sky and hotter in any
+        band, and with one that in some band is no colder than half of the pixels by far."""
         self.check_bands(cube.wavelength_um)
-        coldest = brightness_temperature(self.wavelength_um, self.radiance).mean(axis=1).min()
-        hottest = scene_temperatures(cube).max()
-        if coldest > hottest + FAR_HOTTER_K:
+        objects_k = brightness_temperature(self.wavelength_um, self.radiance)
+        coldest, warmest = objects_k.mean(axis=1).min(), objects_k.max()
+        scene_k = scene_temperatures(cube)
+        half, hottest = np.median(scene_k), scene_k.max()
+        if coldest > hottest + FAR_K:
             raise InputError(
                 f"environment: all of it looks like {coldest:.0f} K and hotter, the cube like "
                 f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
+            )
+        sky = objects_k[list(self.sky)].max(initial=0.0)
+        if sky > hottest + FAR_K:
+            raise InputError(
+                f"environment: its sky looks like {sky:.0f} K in some band, the cube like "
+                f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
+            )
+        if warmest < half - FAR_K:
+            raise InputError(
+                f"environment: all of it looks like {warmest:.0f} K and colder, half of the cube "
+                f"like {half:.0f} K and warmer; give both in W m-2 sr-1 um-1."
             )
 
     def check_bands(self, wavelength_um):

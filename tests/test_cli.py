@@ -177,6 +177,7 @@ def test_wrong_places_are_refused_before_the_work(capfd, tmp_path, cube, monkeyp
         "decompose out/maps.exr --out out",
         "decompose cube.npz --library out/decomposition.npz --out out",
         "decompose cube.npz --model out/decomposition.npz --out out",
+        "decompose cube.npz --environment out/decomposition.npz --out out",
         "import cube.npz --out cube.npz",
         "simulate linked.json --out linked.npz",
         "simulate forest --bands linked.json --out linked.npz",

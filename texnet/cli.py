@@ -113,7 +113,7 @@ def _parser():
     p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
     p.set_defaults(
         library=None, method=None, k=None, model=None, compare=False, budget=None, device="cpu",
-        calibration_error=0.0,
+        calibration_error=0.0, environment=None,
     )  # fmt: skip
 
     text = "turn a third-party cube, or a part of one, into one for decompose"
@@ -214,6 +214,11 @@ def _parser():
         "--k", metavar="N", type=_count,
         help="objects that stand for the environment, 1-10, or auto: as many as the scene "
         "supports; default: 5 where the sky is in view, else auto",
+    )  # fmt: skip
+    p.add_argument(
+        "--environment", metavar="FILE", type=Path,
+        help="take these objects instead, which were measured: a text table of spectra, "
+        "W m-2 sr-1 um-1, headed wavelength_um,sky,...; default: found in the cube",
     )  # fmt: skip
 
     def add_training(name, run, text, scenes, epochs, per_epoch):

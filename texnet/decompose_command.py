@@ -36,6 +36,8 @@ def decompose(args):
     budget, k = args.budget, args.k
     if budget is not None and (args.method or args.model):
         raise InputError("--budget chooses the method; leave out --method and --model.")
+    if args.environment is not None and k is not None:
+        raise InputError("--environment: the file's columns are the objects; leave out --k.")
 
     @cache
     def runner(method):
@@ -55,10 +57,16 @@ def decompose(args):
 
         with loading():
             from .outputs import check_directory, write_decomposition
-            from .pipeline import decompose
+            from .pipeline import MOST_OBJECTS, decompose
             from .progress import progress_bar
 
-        check_directory(args.out, args.cube, truth_path(args.cube), args.library, args.model)
+        inputs = args.cube, truth_path(args.cube), args.library, args.model, args.environment
+        check_directory(args.out, *inputs)
+        environment, objects = None, None
+        if args.environment is not None:
+            from .environment_file import read_environment
+
+            environment, objects = read_environment(args.environment, cube)
     with progress_bar() as report:
         if budget is None:
             run = network.result()
@@ -66,11 +74,12 @@ def decompose(args):
         else:
             from .budget import choose
 
-            method, foreseen = choose(cube, library, k, budget, runner, report)
+            as_many = k if environment is None else min(len(environment), MOST_OBJECTS)
+            method, foreseen = choose(cube, library, as_many, budget, runner, report)
             run = runner(method)
         d = decompose(
-            cube, library, method=method, k=k, calibration_error_k=args.calibration_error,
-            model=run, progress=report,
+            cube, library, method=method, k=k, environment=environment,
+            calibration_error_k=args.calibration_error, model=run, progress=report,
         )  # fmt: skip
     del run, runner  # and the memory that it keeps for the next tile
     if d.left_out:
@@ -82,6 +91,12 @@ def decompose(args):
         **_of_answer(d, cube), "metrics": metrics, "files": paths,
     }  # fmt: skip
     result["k_chosen"] = k == "auto" or k is None and not result["sky_in_view"]
+    result["environment"] = None
+    if environment is not None:
+        result["environment"] = {
+            "file": args.environment, "objects": objects, "error_k": d.environment_error_k,
+        }  # fmt: skip
+        result |= {"k_chosen": False, "sky_in_view": None}  # neither was looked for
     if budget is not None:
         result["budget"] = {
             "seconds_per_megapixel": budget, "foreseen_seconds_per_megapixel": foreseen,
@@ -197,7 +212,17 @@ def _of_noise(netd_k, stated_k):
         yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
 
 
-def _of_few_bands(bands, k, chosen):
+def _of_objects(k, chosen, given, bands):
+    if given:
+        names = ", ".join(given["objects"])
+        yield f"Objects      k = {k}, as given: {names}"
+        if given["error_k"]:
+            yield (
+                f"Environment  likely {given['error_k']:.0f} K off, by what fits: T and its sigma "
+                "take that into account"
+            )
+        return
+    yield f"Objects      k = {k}{', chosen' if chosen else ''}"
     if k >= bands > 1 and not chosen:
         yield f"Few bands    {bands} do not tell {k} objects apart: see --k auto"
 
@@ -239,8 +264,7 @@ def _summary(r):
         *_of_shift(r["spectral_shift_um"]),
         *_of_calibration(r["gain"], r["offset_k"]),
         *_of_bands(r["band_gains"]),
-        f"Objects      k = {r['k']}" + (", chosen" if r["k_chosen"] else ""),
-        *_of_few_bands(r["bands"], r["k"], r["k_chosen"]),
+        *_of_objects(r["k"], r["k_chosen"], r["environment"], r["bands"]),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K (but for 2 % at either end), half of it "
         f"above {t['median']:.1f} K",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
@@ -257,7 +281,10 @@ def _summary(r):
             f"Method       {r['method']}: {foreseen:.1f} s per megapixel foreseen, {allowed:g} "
             "allowed"
         )
-    if not r["sky_in_library"]:
+    if r["environment"]:
+        if not r["sky_objects"]:
+            lines.append("Sky          no object is named sky: texture is the residual")
+    elif not r["sky_in_library"]:
         lines.append(
             "Sky          the library has none: sky pixels get other names, and texture is the "
             "residual; import it with --add-sky, or add a material named sky"

@@ -1,0 +1,68 @@
+"""A measured environment on disk: a text table, one column an object, W m-2 sr-1 um-1.
+
+    wavelength_um,sky,ground
+    7.995,5.71,8.13
+    8.005,5.42,8.14
+
+`text_table` says which texts are tables. Columns named sky... or downwelling... stand for the sky.
+
+Where the rows between the first and the last band are one for each, they are of this camera, or
+were averaged before, and are taken as they are. Any other spectrum is taken as linear between its
+rows, and its exact mean over each band is what the camera would show: the nodes of
+`bands.quadrature` are too far apart for the lines of a sky.
+"""
+
+import numpy as np
+
+from physics.bands import means_of_samples
+from physics.environment import Environment
+from physics.errors import InputError
+from physics.heat_cube import check_wavelength
+
+from .text_table import MAX_GAP_UM, read_table
+
+SKIES = ("sky", "downwelling")
+SAME_UM = 0.01  # or less between a row and a band: the same
+ROUNDED_UM = 1e-3  # or less of a gap is none
+
+
+def read_environment(path, cube):
+    """The Environment in the text table at path, at the bands of a HeatCube, and the names of its
+    objects, in the file's order.
+
+    Raises InputError where it is no such table, leaves bands open or is no radiance.
+    """
+    names, w, spectra, _ = read_table(path, "environment", "object")
+    w, bands = check_wavelength(w, "environment"), cube.wavelength_um
+    # of a single band, all rows within it
+    beside = SAME_UM if cube.bands > 1 else max(SAME_UM, cube.fwhm_um[0] / 2)
+    between = (w > bands[0] - beside) & (w < bands[-1] + beside)
+    if between.sum() == cube.bands and np.allclose(w[between], bands, 0, SAME_UM):
+        radiance = spectra[:, between]
+    else:
+        _check_covers(w, cube, path)
+        radiance = means_of_samples(w, spectra, bands, cube.fwhm_um)
+    for i, b in np.argwhere(radiance <= 0)[:1]:
+        raise InputError(
+            f"environment: {names[i]} of {path} is {radiance[i, b]:.3g} at {bands[b]:.4g} um, but "
+            "radiance is above 0."
+        )
+    sky = tuple(i for i, name in enumerate(names) if name.lower().startswith(SKIES))
+    return Environment(radiance, bands, sky), names
+
+
+def _check_covers(w, cube, path):
+    """Raise InputError where wavelengths w (n,), um, each with half a step to either side, leave a
+    part of a HeatCube's bands open, or one wider than MAX_GAP_UM between them."""
+    half = cube.fwhm_um / 2
+    low, high = (cube.wavelength_um - half).min(), (cube.wavelength_um + half).max()
+    step = np.diff(w) if w.size > 1 else np.zeros(1)
+    first, last = w[0] - step[0] / 2, w[-1] + step[-1] / 2
+    wide = np.flatnonzero((np.diff(w) > MAX_GAP_UM) & (w[:-1] < high) & (w[1:] > low))
+    gaps = [(low, min(first, high)), *((w[i], w[i + 1]) for i in wide), (max(last, low), high)]
+    for start, end in gaps:
+        if end - start > ROUNDED_UM:
+            raise InputError(
+                f"environment: {path} lacks {start:.4g}-{end:.4g} um; the bands need "
+                f"{low:.4g}-{high:.4g} um, rows at most {MAX_GAP_UM:g} um apart."
+            )
