@@ -47,7 +47,9 @@ from physics.library import MaterialLibrary
 from physics.planck import brightness_temperature, noise_sigma, radiance, radiance_derivative
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
-from physics.simulator.sensor import add_noise
+from physics.simulator.sensor import Bands, add_noise
+from physics.simulator.trace import Tracer
+from physics.sky import level_transmittance
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
 from training.scenes import BASE_SEED
@@ -319,6 +321,36 @@ def mirrors(view, library, share):
     return Case(*shaded(replace(view, mirror=share), library), library)
 
 
+def air_between(view, library, metres):
+    """So many metres of air before half of the ground, and more and less before the rest. It is as
+    humid as the scene's, and absorbs a third more and less than the sky's own, by turns."""
+    cube, truth = shaded(view, library, netd_k=0)
+    air, bands = view.traced.atmosphere, Bands.of(cube.wavelength_um, cube.fwhm_um)
+    ground, distance = non_sky(truth), _distances(view.name, view.seed)
+    distance = metres * distance / np.median(distance[ground])
+    steps = np.geomspace(0.01, 100, 81) * metres
+    off = lambda w: np.exp(0.3 * smooth(1, w, 7)[0])
+    through = lambda m: bands.average(bands.in_cells(
+        lambda w: level_transmittance(w, m, air) ** off(w)
+    ))  # fmt: skip
+    t = np.array([through(m) for m in steps]) if metres else np.ones((81, cube.bands))
+    at = np.minimum(np.searchsorted(steps, distance[ground]), len(steps) - 1)
+    s, w = cube.radiance.astype(np.float64), cube.wavelength_um
+    t, glow = t[at].T, radiance(w, air.air_temperature_k)[:, None]
+    s[:, ground] = t * s[:, ground] + (1 - t) * glow
+    s = add_noise(s, w, NETD_K, np.random.default_rng(view.draw))
+    return Case(HeatCube(s, w, cube.fwhm_um, NETD_K), truth, library)
+
+
+@lru_cache(maxsize=8)
+def _distances(name, seed):
+    scene, library = preset(name, seed), MaterialLibrary.starter()
+    of_scene = library.subset(dict.fromkeys(o.material for o in scene.objects))
+    distance = Tracer(scene, of_scene).distances(SIZE)
+    # at the skyline a pixel's middle may be sky, though most of it is not
+    return np.where(np.isfinite(distance), distance, distance[np.isfinite(distance)].max())
+
+
 def changed(cube, radiance=None, wavelength_um=None):
     return HeatCube(
         cube.radiance if radiance is None else radiance,
@@ -361,6 +393,7 @@ AXES = {
         "share of T contrast, indoors", (1, 0.5, 0.2, 0.1, 0.03, 0), thermal_crossover, INDOORS
     ),
     "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
+    "air between": Axis("m to half of the ground", (0, 10, 30, 100, 300, 1000), air_between),
     "bands end early": Axis("at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early),
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
     "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),

@@ -102,6 +102,14 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     return np.einsum("dln,ln->dn", above - transmittance, glow)
 
 
+def level_transmittance(wavelength_um, metres, atmosphere):
+    """(n,) transmittance of so many metres of the air near the ground, at wavelengths in um."""
+    w = check_wavelength(wavelength_um, "air")
+    lowest_m = 1e3 * _edges_km()[1]
+    through = np.array([metres / lowest_m])  # the lowest layer, along a slant that long
+    return np.exp(-_optical_depth(w, through, _profile(atmosphere))[0, 0])
+
+
 def usual_atmosphere(air_temperature_k, humidity=HUMIDITY):
     """Atmosphere of so many K near the ground, and of vapour over what its air can hold (Magnus's
     formula, WMO 2008)."""
@@ -139,9 +147,13 @@ class _Profile(NamedTuple):
     co2_fraction: float
 
 
-def _profile(atmosphere):
+def _edges_km():
     # Exponential spacing: 30 m at the ground, where an opaque band is seen, 8 km at the top.
-    edge = TOP_KM * np.expm1(6 * np.arange(LAYERS + 1) / LAYERS) / np.expm1(6)
+    return TOP_KM * np.expm1(6 * np.arange(LAYERS + 1) / LAYERS) / np.expm1(6)
+
+
+def _profile(atmosphere):
+    edge = _edges_km()
     middle = 0.5 * (edge[1:] + edge[:-1])
     troposphere = np.maximum(atmosphere.air_temperature_k - LAPSE_K_KM * middle, TROPOPAUSE_K)
     t = troposphere + np.maximum(middle - 20.0, 0.0)

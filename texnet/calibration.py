@@ -23,17 +23,20 @@ libraries whose curves are 1 to 5 % wrong or that lack a common material, little
 wavelengths off by a tenth of a band.
 """
 
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from physics import scratch
+from physics.air import Air
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.library import MaterialLibrary
+from physics.planck import brightness_temperature
 
+from .air_between import air_between
 from .band_gains import FIRST, band_gains, ground
 from .correction import RIGHT, corrected, corrected_environment
 from .gain_or_offset import first_look, gain_or_offset, losses
@@ -74,15 +77,27 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     sky = in_view and environment.sky_mean is not None
     scene = _Scene(part, environment, library, look)
     few, just = _limits(cube)
-    found = gain_or_offset(partial(scene.nats, alike={}), sky)
-    misfit = scene.left(found, few)
-    if misfit > just + RISE and found != RIGHT:
-        found, misfit = RIGHT, scene.left(RIGHT, few)
+    nats_of = cache(partial(scene.nats, alike={}))
+    found, misfit = RIGHT, scene.left(RIGHT, few)
+    for likelier in _likelier(nats_of, cube, environment if sky else None):
+        if likelier != RIGHT and (left := scene.left(likelier, few)) <= just + RISE:
+            found, misfit = likelier, left
+            break
     if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
         if evened is not None and (less := scene.left(evened, few)) <= just:
             found, misfit = evened, less
     return _with_noise(found, misfit, cube)
+
+
+def _likelier(nats_of, cube, environment):
+    """The Calibrations by which pixels of a HeatCube are likelier than by a right camera: a gain or
+    an offset, and then, where the sky of an Environment is in view, the air between."""
+    yield gain_or_offset(nats_of, environment is not None)
+    if environment is not None and len(environment) >= LEAST_OBJECTS:
+        air_of = partial(Air.of, wavelength_um=cube.wavelength_um, fwhm_um=cube.fwhm_um)
+        sky_k = brightness_temperature(cube.wavelength_um, environment.sky_mean).max()
+        yield air_between(nats_of, air_of, sky_k)
 
 
 def _limits(cube):

@@ -1,6 +1,7 @@
-"""A camera's Calibration, and what a right camera would have shown instead.
+"""A camera's Calibration, and what a right camera, with no air before it, would have shown instead.
 
-A camera of gain g, bands' gains g_b and offset o shows g g_b S_b + o of a radiance S_b.
+A camera of gain g, bands' gains g_b and offset o shows g g_b S'_b + o of the radiance S'_b before
+it, which is that of the scene, S_b, or what air lets through of it (`physics.air`).
 """
 
 from dataclasses import replace
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from physics import scratch
+from physics.air import Air
 from physics.heat_cube import MAX_NETD_K
 from physics.planck import noise_sigma
 
@@ -16,13 +18,14 @@ DARKEST = 0.05  # what is left of a radiance, at least
 
 
 class Calibration(NamedTuple):
-    """What is wrong with a camera.
+    """What is wrong with a camera, or before it.
 
     gain, offset_k  of all bands together, the offset in K at 300 K
     noise    factor on the stated NETD
     misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
     doubt    error that all bands may share for it, in stated noise units
     bands    their gains among each other; () if they agree
+    air      Air between scene and camera; None if there is too little to tell
     """
 
     gain: float = 1.0
@@ -31,6 +34,7 @@ class Calibration(NamedTuple):
     misfit: float = 1.0
     doubt: float = 0.0
     bands: tuple[float, ...] = ()
+    air: Air | None = None
 
     @property
     def keeps_radiance(self):
@@ -47,7 +51,8 @@ RIGHT = Calibration()
 
 def corrected(cube, c):
     """The HeatCube that a right camera would have shown, of a Calibration."""
-    netd_k = min(cube.netd_k * c.noise / c.gain, MAX_NETD_K)
+    noise = c.noise * (c.air.noise if c.air else 1.0)
+    netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
     offset, gain = (a.astype(np.float32) for a in _offset_and_gain(cube.wavelength_um, c))
@@ -60,20 +65,26 @@ def corrected(cube, c):
 
 
 def corrected_environment(environment, c):
-    """The Environment likewise."""
+    """The Environment likewise. No air is before the sky that lights it from overhead."""
     offset, gain = _offset_and_gain(environment.wavelength_um, c)
-    spectra = "radiance", "sky_mean"
-    deviations = "spread", "skylight_spread", "sky_spread"
-    given = {n: a for n in spectra if (a := getattr(environment, n)) is not None}
+    own_offset, own_gain = _offset_and_gain(environment.wavelength_um, c._replace(air=None))
+    radiance, sky = _corrected(environment.radiance, offset, gain), list(environment.sky)
+    radiance[sky] = _corrected(environment.radiance[sky], own_offset, own_gain)
+    mean = environment.sky_mean
     return replace(
-        environment, **{n: _corrected(a, offset, gain) for n, a in given.items()},
-        **{n: getattr(environment, n) / gain for n in deviations},
+        environment, radiance=radiance, spread=environment.spread / gain,
+        skylight_spread=environment.skylight_spread / own_gain,
+        sky_spread=environment.sky_spread / gain,
+        sky_mean=None if mean is None else _corrected(mean, offset, gain),
     )  # fmt: skip
 
 
 def _offset_and_gain(wavelength_um, c):
-    """(bands,) each."""
-    return noise_sigma(wavelength_um, c.offset_k), c.gain * c.of_bands(len(wavelength_um))
+    """(bands,) each, of S."""
+    offset, gain = noise_sigma(wavelength_um, c.offset_k), c.gain * c.of_bands(len(wavelength_um))
+    if c.air is None:
+        return offset, gain
+    return offset + gain * np.array(c.air.glow), gain * np.array(c.air.transmittance)
 
 
 def _corrected(radiance, offset, gain):

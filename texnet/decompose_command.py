@@ -116,7 +116,7 @@ def _of_answer(d, cube):
         "netd_k": d.netd_k, "noise_raised": d.noise_raised, "netd_stated_k": cube.netd_k,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
-        "band_gains": d.band_gains, "offset_k": d.offset_k,
+        "band_gains": d.band_gains, "offset_k": d.offset_k, "air_m": d.air_m, "air_k": d.air_k,
         "calibration_error_k": d.calibration_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": SKY in d.material_names,
@@ -254,6 +254,14 @@ def _of_bands(gains):
         )
 
 
+def _of_air(metres, kelvin):
+    if metres:
+        yield (
+            f"Air          {metres:.0f} m of {kelvin:.0f} K before the camera, by what fits: all "
+            "is of the cube without that"
+        )
+
+
 def _summary(r):
     t, shares = r["temperature_k"], list(r["materials"].items())
     shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
@@ -264,6 +272,7 @@ def _summary(r):
         *_of_shift(r["spectral_shift_um"]),
         *_of_calibration(r["gain"], r["offset_k"]),
         *_of_bands(r["band_gains"]),
+        *_of_air(r["air_m"], r["air_k"]),
         *_of_objects(r["k"], r["k_chosen"], r["environment"], r["bands"]),
         f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K (but for 2 % at either end), half of it "
         f"above {t['median']:.1f} K",

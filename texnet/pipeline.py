@@ -2,9 +2,9 @@
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated. Then come the environment from the
-cube, a sky that is not in view, if nothing else explains the pixels, the camera's gains or offset,
-if these show them, or more noise, if nothing fits (`calibration`; not for net), a glance from afar
-at what materials there are and where, and then
+cube, a sky that is not in view, if nothing else explains the pixels, the camera's gains or offset
+or the air before it, if these show them, or more noise, if nothing fits (`calibration`; not for
+net), a glance from afar at what materials there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -13,6 +13,7 @@ local, sgd     exact local solution of every pixel and material -> semi-global r
 Pixels that are far hotter than the rest are taken out before, and solved apart (`physics.hot`).
 """
 
+import math
 import time
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -80,7 +81,9 @@ class Decomposition:
     gain, offset_k        of the camera, and
     band_gains            (bands,), or 1, of its bands among each other, by which the cube was
                           corrected: the maps are of (S - offset) / (gain band_gains), the offset
-                          being so many K at 300 K
+                          being so many K at 300 K,
+    air_m, air_k          without so many metres of air between, of so many K; 0 and NaN where there
+                          is too little to tell
     calibration_error_k   as it was stated, K at 300 K
     environment_error_k   K by which an environment that was given is likely off, and which T and
                           its sigma take into account; 0 where it fits
@@ -118,6 +121,8 @@ class Decomposition:
     gain: float = 1.0
     band_gains: np.ndarray | float = 1.0
     offset_k: float = 0.0
+    air_m: float = 0.0
+    air_k: float = math.nan
     calibration_error_k: float = 0.0
     environment_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
@@ -155,8 +160,9 @@ def decompose(
                  where its pixels differ less; or "auto": as many as the scene supports
                  (`physics.support`). If None, 5 where the sky is in view, else as "auto"
     environment  take this one instead (k is its own), at the cube's bands, as this camera shows it:
-                 it moves with the wavelengths, and no gain or offset is looked for, but whether it
-                 is kelvins off (not for net); if that is known, say so: environment.off_by(kelvin)
+                 it moves with the wavelengths, and no gain, offset or air is looked for, but
+                 whether it is kelvins off (not for net); if that is known, say so:
+                 environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
@@ -255,6 +261,8 @@ def decompose(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
         saturated=beyond, dead=dead, hot=burns,
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
+        air_m=shown.air.metres if shown.air else 0.0,
+        air_k=shown.air.temperature_k if shown.air else math.nan,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         sky_assumed=assumed,
         wavelength_um=stated, hue_deg=library.hue_deg,

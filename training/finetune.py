@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from physics.air import Air
 from physics.prepared import prepared
 from physics.provenance import fingerprint
 from texnet.correction import Calibration, corrected
@@ -107,7 +108,9 @@ def calibrated(cube, library, network, device="cpu", progress=None):
     model, k = torch_model(network=network, device=device), min(K, cube.measured_count)
     d = decompose(cube, library, k=k, model=model, progress=progress)
     bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
-    right = corrected(prepared(cube, library).cube, Calibration(d.gain, d.offset_k, bands=bands))
+    right = prepared(cube, library).cube
+    air = Air.of(d.air_m, d.air_k, right.wavelength_um, right.fwhm_um) if d.air_m else None
+    right = corrected(right, Calibration(d.gain, d.offset_k, bands=bands, air=air))
     return replace(right, netd_k=d.netd_k), d.sky_assumed
 
 

@@ -148,6 +148,16 @@ class Tracer:
             day_rng.random(dtype=np.float32, out=xi[hot:])
         return Paths(*_pack(n, depths, closed), q, q_day)
 
+    def distances(self, size):
+        """(height, width) m from the camera to what the pixels' middles see; infinite where that is
+        sky."""
+        n, camera = size[0] * size[1], self.scene.camera
+        middle = np.full((n, 2), 0.5, np.float32)
+        direction = _camera_rays(0, 1, *size, _camera_frame(camera), middle)
+        origin = np.broadcast_to(np.asarray(camera.position, np.float32), (n, 3)).copy()
+        hit = self._embree.run(origin, direction, query="INTERSECT", output=True)
+        return np.where(hit["primID"] < 0, np.inf, hit["tfar"]).reshape(size)
+
     def _sunlight(self, point, normal):
         """(n,) cosine between the sun and the normals (n, 3) at points (n, 3), 0 in shadow."""
         towards_sun = np.asarray(self.scene.sun_direction, np.float32)

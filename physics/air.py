@@ -1,0 +1,42 @@
+"""The air between scene and camera: it lets a part of the light through, and glows itself.
+
+Seen through it, a surface of radiance S shows
+
+    S' = t S + (1 - t) B(T_air)
+
+t, the transmittance of so many metres of usual air near the ground (`sky`), is least where carbon
+dioxide and water vapour absorb, beyond 13 um and below 8.5 um. A clear sky is as bright through
+that air as the air is part of it: from where it begins, less of the sky lies ahead.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .bands import band_means, quadrature
+from .planck import radiance
+from .sky import level_transmittance, usual_atmosphere
+
+
+class Air(NamedTuple):
+    """So many metres of air of temperature_k, K, in front of a camera: per band its transmittance
+    and its glow (1 - t) B(T_air), W m-2 sr-1 um-1."""
+
+    metres: float
+    temperature_k: float
+    transmittance: tuple[float, ...]
+    glow: tuple[float, ...]
+
+    @staticmethod
+    def of(metres, temperature_k, wavelength_um, fwhm_um):
+        """Air of usual humidity, at bands (bands,) of centres and widths in um."""
+        atmosphere, nodes = usual_atmosphere(temperature_k), quadrature(wavelength_um, fwhm_um)
+        t = lambda w: level_transmittance(w, metres, atmosphere)
+        glow = band_means(lambda w: (1 - t(w)) * radiance(w, temperature_k), nodes)
+        means = (tuple(a.tolist()) for a in (band_means(t, nodes), glow))
+        return Air(float(metres), float(temperature_k), *means)
+
+    @property
+    def noise(self):
+        """By how much more noise S has than S', in the mean over the bands."""
+        return float(np.sqrt(np.mean(np.square(self.transmittance) ** -1.0)))
