@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from benchmarks import ONNX
 from benchmarks.accuracy import RANDOM_SCENES, test_scenes
@@ -326,29 +327,36 @@ def air_between(view, library, metres):
     humid as the scene's, and absorbs a third more and less than the sky's own, by turns."""
     cube, truth = shaded(view, library, netd_k=0)
     air, bands = view.traced.atmosphere, Bands.of(cube.wavelength_um, cube.fwhm_um)
-    ground, distance = non_sky(truth), _distances(view.name, view.seed)
-    distance = metres * distance / np.median(distance[ground])
-    steps = np.geomspace(0.01, 100, 81) * metres
+    distance, is_sky = _distances(view.name, view.seed), ~non_sky(truth)
+    ground = np.isfinite(distance)
+    distance = distance.copy()
+    distance[ground] *= metres / np.median(distance[ground])
     off = lambda w: np.exp(0.3 * smooth(1, w, 7)[0])
     through = lambda m: bands.average(bands.in_cells(
         lambda w: level_transmittance(w, m, air) ** off(w)
     ))  # fmt: skip
-    t = np.array([through(m) for m in steps]) if metres else np.ones((81, cube.bands))
-    at = np.minimum(np.searchsorted(steps, distance[ground]), len(steps) - 1)
+    steps = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 91)])
+    t = np.append([through(m) for m in steps], np.zeros((1, cube.bands)), axis=0)  # infinitely far
+    t = t[np.searchsorted(steps, distance)].mean(axis=-2).transpose(2, 0, 1)
+    sky = np.isinf(distance).mean(axis=-1)
+    # a pixel is sky, which all of the air before it is part of already, and ground behind some air
     s, w = cube.radiance.astype(np.float64), cube.wavelength_um
-    t, glow = t[at].T, radiance(w, air.air_temperature_k)[:, None]
-    s[:, ground] = t * s[:, ground] + (1 - t) * glow
-    s = add_noise(s, w, NETD_K, np.random.default_rng(view.draw))
+    at = distance_transform_edt(~is_sky, return_distances=False, return_indices=True)
+    of_sky = sky * s[:, *at]
+    glow = radiance(w, air.air_temperature_k)[:, None, None]
+    seen = t / np.maximum(1 - sky, 1e-9) * (s - of_sky) + (1 - sky - t) * glow + of_sky
+    s = add_noise(np.where(is_sky, s, seen), w, NETD_K, np.random.default_rng(view.draw))
     return Case(HeatCube(s, w, cube.fwhm_um, NETD_K), truth, library)
 
 
 @lru_cache(maxsize=8)
 def _distances(name, seed):
-    scene, library = preset(name, seed), MaterialLibrary.starter()
+    """(height, width, parts) m to parts of each pixel."""
+    scene, library, n = preset(name, seed), MaterialLibrary.starter(), 4
     of_scene = library.subset(dict.fromkeys(o.material for o in scene.objects))
-    distance = Tracer(scene, of_scene).distances(SIZE)
-    # at the skyline a pixel's middle may be sky, though most of it is not
-    return np.where(np.isfinite(distance), distance, distance[np.isfinite(distance)].max())
+    distance = Tracer(scene, of_scene).distances((SIZE[0] * n, SIZE[1] * n))
+    parts = distance.reshape(SIZE[0], n, SIZE[1], n).transpose(0, 2, 1, 3)
+    return parts.reshape(*SIZE, n * n)
 
 
 def changed(cube, radiance=None, wavelength_um=None):

@@ -18,6 +18,7 @@ hot          which are far hotter than the rest, and how they are solved apart
 prepared     a cube ready to be explained, by all of these
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
 sky          the spectrum of a clear sky
+air          the air between scene and camera
 overhead     the sky overhead, from the sky in view
 environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels

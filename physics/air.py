@@ -38,5 +38,6 @@ class Air(NamedTuple):
 
     @property
     def noise(self):
-        """By how much more noise S has than S', in the mean over the bands."""
-        return float(np.sqrt(np.mean(np.square(self.transmittance) ** -1.0)))
+        """By how much more noise S has than S', in the geometric mean over the bands, with which
+        spectra in units of it are as likely as before."""
+        return float(np.exp(-np.log(self.transmittance).mean()))

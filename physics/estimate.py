@@ -96,12 +96,22 @@ def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
     return Sample(cube, library, seed).environment(k, assume_sky)
 
 
-def with_sky_in_view(environment, cube, library, seed=0):
-    """An Environment that says nothing of how the sky's own pixels scatter, as of a measured
-    downwelling, with what those of a HeatCube are like, if there are any."""
-    if not environment.sky or len(environment.sky_spread):
+def completed(environment, cube, library, k=5, seed=0):
+    """An Environment that was measured, with what that leaves to a HeatCube to show: the other
+    objects, k in all, if all that was measured is sky; and how the sky's own pixels scatter, if it
+    does not say, and there are any."""
+    alone = k > len(environment.sky) == len(environment)
+    if not environment.sky or not alone and len(environment.sky_spread):
         return environment
-    return replace(environment, **Sample(cube, library, seed).of_sky())
+    sample, own = Sample(cube, library, seed), {}
+    if alone:
+        found = sample.environment(k, skies=environment.radiance)
+        spread = np.concatenate([environment.spread, found.spread])
+        error_k = max(environment.error_k, found.error_k)
+        own = dict(radiance=found.radiance, spread=spread, error_k=error_k)
+    if not len(environment.sky_spread):
+        own |= sample.of_sky()
+    return replace(environment, **own)
 
 
 class Sample:
@@ -141,16 +151,20 @@ class Sample:
                 self.inner = self.sky.copy()
                 self.inner[self.sky] = inner
 
-    def environment(self, k, assume_sky=False):
-        """Environment of k objects by K-means, those of the sky first."""
+    def environment(self, k, assume_sky=False, skies=None):
+        """Environment of k objects by K-means, those of the sky first: skies (n, bands), if they
+        were measured."""
         cube, spectra, sky = self.cube, self.spectra, self.sky
-        skies, error_k = np.zeros((0, cube.bands)), ERROR_K
-        deviations = skies
-        if sky.any() and k > 1:
+        deviations, error_k = np.zeros((0, cube.bands)), ERROR_K
+        if skies is not None:
+            skies = skies / cube.sigma
+        elif sky.any() and k > 1:
             skies, deviations = self._skies_overhead(k)
         elif assume_sky and k > 1 and self.library.sky_index is not None:
             skies, deviations = self._assumed_sky()
             error_k = ASSUMED_ERROR_K
+        else:
+            skies = deviations
         ground = spectra[~sky] if (~sky).any() else spectra
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))

@@ -89,6 +89,19 @@ def test_a_scene_under_a_measured_environment(capfd, files, scene, method):
     assert d["sky"].tolist() == [0] and "Environment" not in out
 
 
+@pytest.mark.parametrize("method", ["local", "net+sgd"])
+def test_beside_a_measured_sky_the_cube_shows_the_rest(capfd, files, scene, method):
+    _, t, material = scene
+    file = table(files / "sky.csv", values=shine(FINE)[:1], names=("downwelling",))
+    out, said, d = decompose(capfd, files, "--environment", file, "--method", method)
+    assert "k = 5, as given: downwelling, and 4 found" in out and d["sky"].tolist() == [0]
+    np.testing.assert_allclose(
+        d["environment"][0], means_of_samples(FINE, shine(FINE)[:1], CENTRE, WIDTH)[0]
+    )
+    assert np.median(np.abs(d["temperature_k"] - t)) < 0.08  # 0.4 K, were the sky all there is
+    assert (d["material"] == material).mean() > 0.97
+
+
 def test_the_order_of_columns_is_that_of_the_objects(capfd, files):
     table(files / "a.csv")
     table(files / "b.csv", values=shine(FINE)[::-1], names=("ground", "Sky_zenith"))

@@ -67,6 +67,18 @@ OUTDOOR = library(soil=(0.95, 0.9), paint=(0.6, 0.8))
 # ---------------------------------------------------------------- closed forms
 
 
+def test_distances_are_those_of_the_pixels_middles():
+    """A camera 2 m above a plane sees its point straight along a ray 2 / sin(depression) away, and
+    no nearer than it is high."""
+    scene = Scene([ground()], Camera((0, 0, 2), (0, 5, 2), 90), Atmosphere())
+    d = Tracer(scene, OUTDOOR).distances((8, 8))
+    assert np.isinf(d[:4]).all()  # the upper half is sky
+    down = (np.arange(4) + 0.5) / 4  # tangents of the rows, and of the columns beside
+    across = (np.arange(8) - 3.5) / 4
+    expected = 2 / down[:, None] * np.sqrt(1 + down[:, None] ** 2 + across**2)
+    np.testing.assert_allclose(d[4:], expected, rtol=1e-4)
+
+
 @pytest.mark.parametrize("t", [300.0, 287.34])
 @pytest.mark.parametrize("e", [0.02, 0.6, 1.0])
 def test_isothermal_enclosure_glows_as_a_black_body_on_every_path(e, t):

@@ -215,7 +215,9 @@ def _of_noise(netd_k, stated_k):
 def _of_objects(k, chosen, given, bands):
     if given:
         names = ", ".join(given["objects"])
-        yield f"Objects      k = {k}, as given: {names}"
+        found = k - len(given["objects"])
+        more = f", and {found} found" if found else ""
+        yield f"Objects      k = {k}, as given: {names}{more}"
         if given["error_k"]:
             yield (
                 f"Environment  likely {given['error_k']:.0f} K off, by what fits: T and its sigma "

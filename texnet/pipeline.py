@@ -23,7 +23,7 @@ import numpy as np
 from physics import hot, scratch
 from physics.environment import Environment
 from physics.errors import InputError
-from physics.estimate import estimate_environment, with_sky_in_view
+from physics.estimate import completed, estimate_environment
 from physics.expected import only
 from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import MAX_T, known_arrays
@@ -159,10 +159,10 @@ def decompose(
     k            number of environment objects, 1..10, estimated from the cube by K-means, fewer
                  where its pixels differ less; or "auto": as many as the scene supports
                  (`physics.support`). If None, 5 where the sky is in view, else as "auto"
-    environment  take this one instead (k is its own), at the cube's bands, as this camera shows it:
-                 it moves with the wavelengths, and no gain, offset or air is looked for, but
-                 whether it is kelvins off (not for net); if that is known, say so:
-                 environment.off_by(kelvin)
+    environment  take this one instead (k is its own, but where all of it is sky: the other objects
+                 are found then, 5 in all), at the cube's bands, as this camera shows it: it moves
+                 with the wavelengths, and no gain, offset or air is looked for, but whether it is
+                 kelvins off (not for net); if that is known, say so: environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
@@ -194,7 +194,7 @@ def decompose(
     if environment is not None:
         environment = environment.only(np.isin(whole, stated))
         environment = replace(environment, wavelength_um=cube.wavelength_um)
-        environment = with_sky_in_view(environment, cube, library, seed)
+        environment = completed(environment, cube, library, USUAL_OBJECTS, seed)
     lap("bands")
     untold = dead | beyond
     cold, burns, burning = hot.parted(cube)

@@ -1,0 +1,186 @@
+"""Air between scene and camera: what it does to light, and that it is found and taken out."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from traced import names_of, one_thread, said, traced  # noqa: F401
+
+from physics import HeatCube, MaterialLibrary
+from physics.air import Air
+from physics.environment import Environment
+from physics.planck import brightness_temperature, radiance
+from physics.simulator.presets import preset
+from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
+from texnet.air_between import air_between
+from texnet.correction import RIGHT, Calibration, corrected, corrected_environment
+from texnet.cube_io import write_cube
+from texnet.learned import shipped_network
+from texnet.pipeline import decompose
+from training.finetune import calibrated
+
+LIBRARY = MaterialLibrary.starter()
+W = np.linspace(8, 14, 13)
+FWHM = np.full(13, 0.5)
+metres, kelvins = st.floats(1, 2000), st.floats(240, 310)
+
+
+def through(cube, air, at=True):
+    """What shows of a HeatCube's pixels, those that are at, behind some Air."""
+    t, glow = (np.array(a)[:, None, None] for a in (air.transmittance, air.glow))
+    s = np.where(at, t * cube.radiance + glow, cube.radiance)
+    return HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+
+
+def behind(cube, truth, metres, humidity=0.5, kelvin=285.0):
+    """A HeatCube whose ground is so far away, through air of another humidity than is usual."""
+    atmosphere, w = usual_atmosphere(kelvin, humidity), cube.wavelength_um
+    t = level_transmittance(w, metres, atmosphere)
+    air = Air(metres, kelvin, tuple(t), tuple((1 - t) * radiance(w, kelvin)))
+    return through(cube, air, names_of(truth) != "sky")
+
+
+@given(metres, kelvins)
+@settings(deadline=None, max_examples=20)
+def test_a_black_body_as_warm_as_the_air_looks_the_same_through_it(metres, kelvin):
+    air = Air.of(metres, kelvin, W, np.zeros(13))
+    black = radiance(W, kelvin)
+    np.testing.assert_allclose(air.transmittance * black + air.glow, black, rtol=1e-12)
+
+
+@given(metres, metres, kelvins)
+@settings(deadline=None, max_examples=20)
+def test_more_air_lets_less_through_but_lines_saturate(one, other, kelvin):
+    t = partial(level_transmittance, W, atmosphere=usual_atmosphere(kelvin))
+    near, far, both = t(one), t(other), t(one + other)
+    assert (both < np.minimum(near, far)).all() and (both > 0).all()
+    assert (both >= near * far * (1 - 1e-9)).all()  # Beer's law is for a single absorption
+
+
+def test_no_air_and_air_without_gases_are_clear():
+    np.testing.assert_allclose(level_transmittance(W, 0.0, usual_atmosphere(290)), 1)
+    empty = Atmosphere(290, water_cm=0, ozone_du=0, co2_ppm=0)
+    np.testing.assert_allclose(level_transmittance(W, 1000.0, empty), 1)
+
+
+def test_carbon_dioxide_and_vapour_close_the_window_from_its_ends():
+    """A kilometre of summer air: four fifths and more of 10-11 um come through, as cameras with
+    long lenses live on, little of 14 um."""
+    t = dict(zip(W, level_transmittance(W, 1000.0, usual_atmosphere(290)), strict=True))
+    assert t[14.0] < 0.3 < t[13.0] < t[11.0] and t[8.0] < t[9.0] and t[11.0] > 0.8
+    dry = level_transmittance(W, 1000.0, Atmosphere(290, water_cm=0))
+    assert t[14.0] < dry[-1] < 0.6 and (dry[3:8] > 0.95).all()
+
+
+@given(st.floats(0, 300), kelvins, st.floats(0.9, 1.1), st.floats(-1, 1))
+@settings(deadline=None, max_examples=20)
+def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, offset_k):
+    s = radiance(W, np.linspace(250, 320, 20)[:, None]).T.reshape(13, 4, 5)
+    cube, air = HeatCube(s, W, FWHM, 0.05), Air.of(metres, kelvin, W, FWHM)
+    seen = through(cube, air)
+    c = Calibration(gain, offset_k, air=air)
+    offset = -corrected(cube, Calibration(offset_k=offset_k)).radiance + cube.radiance
+    shown = HeatCube(gain * seen.radiance + offset, W, FWHM, 0.05)
+    back = corrected(shown, c)
+    np.testing.assert_allclose(back.radiance, cube.radiance, rtol=1e-3)
+    assert back.netd_k >= 0.05 / gain  # what is left of the light has the noise of all of it
+
+
+def test_the_sky_overhead_is_not_behind_the_air():
+    air = Air.of(300.0, 285.0, W, FWHM)
+    spectra = radiance(W, np.array([[230.0], [290.0]]))
+    seen = Environment(spectra, W, sky=(0,), sky_mean=radiance(W, 280.0))
+    own = corrected_environment(seen, Calibration(air=air))
+    np.testing.assert_array_equal(own.radiance[0], spectra[0])
+    t, glow = np.array(air.transmittance), np.array(air.glow)
+    np.testing.assert_allclose(t * own.radiance[1] + glow, spectra[1])
+    np.testing.assert_allclose(t * own.sky_mean + glow, seen.sky_mean)
+
+
+def searched(peak_m, peak_k, gains):
+    """What is found where pixels are likelier by so many nats with so much air, and by less with
+    more or less of it, or warmer or colder: the less there is, the less its temperature matters."""
+
+    def nats_of(c):
+        share = c.air.metres / peak_m if c.air else 0.0
+        warmer = c.air.temperature_k - peak_k if c.air else 0.0
+        return np.full(100, 10.0 - gains * share * (2 - share - share * warmer**2 / 4))
+
+    air_of = lambda m, k: Air(m, k, (1.0,), (0.0,))
+    return air_between(nats_of, air_of, 280.0)
+
+
+@given(st.floats(15, 1000), st.floats(279, 287))
+@settings(deadline=None, max_examples=50)
+def test_the_search_finds_the_likeliest_air(peak_m, peak_k):
+    air = searched(peak_m, peak_k, 2.0).air
+    assert peak_m / 1.6 < air.metres < 1.6 * peak_m
+    assert air.temperature_k == pytest.approx(peak_k, abs=1)
+
+
+def test_air_that_hardly_helps_is_not_taken():
+    assert searched(100, 283, 0.25) == RIGHT and searched(100, 283, 0.5) != RIGHT
+    assert searched(100, 283, -2.0) == RIGHT
+
+
+@pytest.mark.parametrize(
+    ("name", "bands", "method"),
+    [("street", 24, "net+sgd"), ("street", 54, "local"), ("patterned", 54, "net+sgd")],
+)
+def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
+    """200 m of air a quarter more humid than is usual: half of the bands lose 1 % and more, the
+    last a third, of light that differs from the air's."""
+    cube, truth = traced(name, bands)
+    kelvin = preset(name).atmosphere.air_temperature_k
+    right = decompose(cube, method=method)
+    assert right.air_m == 0 and np.isnan(right.air_k)
+    d = decompose(behind(cube, truth, 200.0, 0.62, kelvin), method=method)
+    assert 100 < d.air_m < 400 and d.air_k == pytest.approx(kelvin, abs=2)
+    assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
+    ground = names_of(truth) != "sky"
+    off = lambda of: np.abs(of.temperature_k - truth.temperature_k)[ground]
+    assert np.median(off(d)) < np.median(off(right)) + 0.04  # 0.2 K and more, if not taken out
+    named = lambda of: (names_of(of) == names_of(truth)).mean()
+    assert named(d) > named(right) - 0.03  # in the street 0.25
+    assert (off(d) < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("name", "bands"), [("forest", 9), ("street", 54), ("patterned", 18), ("patches", 54)]
+)
+def test_none_is_found_where_none_is(name, bands):
+    cube = traced(name, bands)[0]
+    for method in ("net+sgd", "local"):
+        assert decompose(cube, method=method).air_m == 0
+
+
+def test_none_is_looked_for_without_sky_in_view_or_where_the_environment_is_given():
+    cube = traced("room", 54)[0]
+    far = through(cube, Air.of(200.0, 280.0, cube.wavelength_um, cube.fwhm_um))
+    assert decompose(far).air_m == 0
+    cube, truth = traced("forest", 54)
+    given = Environment(radiance(cube.wavelength_um, np.array([[285.0]])), cube.wavelength_um)
+    assert decompose(behind(cube, truth, 200.0), environment=given).air_m == 0
+
+
+def test_the_command_says_so(tmp_path, capsys):
+    cube, truth = traced("forest", 54)
+    write_cube(behind(cube, truth, 200.0), tmp_path / "far.exr")
+    text, result, npz = said(capsys, tmp_path / "far.exr", tmp_path / "far")
+    assert 100 < result["air_m"] == npz["air_m"] < 400
+    assert f"Air          {result['air_m']:.0f} m of {result['air_k']:.0f} K" in text
+    write_cube(cube, tmp_path / "near.exr")
+    text, result, npz = said(capsys, tmp_path / "near.exr", tmp_path / "near")
+    assert result["air_m"] == 0 and result["air_k"] is None and "Air  " not in text
+
+
+def test_fine_tuning_sees_the_cube_without_it():
+    cube, truth = traced("forest", 54)
+    right = calibrated(behind(cube, truth, 200.0), LIBRARY, shipped_network())[0]
+    ground, w = names_of(truth) != "sky", cube.wavelength_um[:, None]
+    of = lambda c: brightness_temperature(w, c.radiance[:, ground])[-1]
+    # in the most opaque band
+    assert np.median(np.abs(of(right) - of(cube))) < 0.5
+    assert np.median(np.abs(of(behind(cube, truth, 200.0)) - of(cube))) > 0.5
