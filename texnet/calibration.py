@@ -1,6 +1,8 @@
-"""What is wrong with the camera, and how much noise there is, where the scene itself shows it.
+"""What is wrong with or before the camera, and how much noise, where the scene itself shows it.
 
-First a gain or an offset of all bands (`gain_or_offset`), which is taken if with it the pixels fit.
+First a gain or an offset of all bands (`gain_or_offset`), which is taken if with it the pixels fit;
+else the air before the camera (`air_between`), which is if they fit or most of what does not is
+gone, as it need not be as much everywhere.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -13,9 +15,10 @@ times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by fro
 fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
 T, to which all bands add up, may be off at once by DOUBT times as much.
 
-Where no sky is in view, all this is looked at without a sky, and whether pixels are likelier with
-one that is assumed (`under_a_sky`) before it is looked at with that. Where the environment is given
-no gain or offset is looked for, but whether the environment is off (`of_given`).
+Where no sky is in view, all this but the air is looked at without a sky, and whether pixels are
+likelier with one that is assumed (`under_a_sky`) before it is looked at with that. Where the
+environment is given no gain, offset or air is looked for, but whether the environment is off
+(`of_given`).
 
 The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
 cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,
@@ -49,8 +52,8 @@ SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them a
 QUARTER = 0.25  # of the pixels: those that fit best
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
-# of the misfit beyond noise, at most, where air is taken out, which need not be as much everywhere;
-# on eight scenes used for tuning 0 to 0.4, and where something else was wrong 0.6 and more
+# of the misfit beyond noise, at most, where air is taken out: on eight scenes used for tuning 0 to
+# 0.4, and where something else was wrong 0.6 and more
 AIR_LEAVES = 0.5
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
