@@ -401,7 +401,6 @@ AXES = {
         "share of T contrast, indoors", (1, 0.5, 0.2, 0.1, 0.03, 0), thermal_crossover, INDOORS
     ),
     "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
-    "air between": Axis("m to half of the ground", (0, 10, 30, 100, 300, 1000), air_between),
     "bands end early": Axis("at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early),
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
     "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),
@@ -426,6 +425,7 @@ AXES = {
     "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
     "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
     "hot part": Axis("pixels 300 K hotter (%)", (0, 1, 3, 6, 10), hot_part),
+    "air between": Axis("m to half of the ground", (0, 10, 30, 100, 300, 1000), air_between),
 }
 
 
