@@ -74,6 +74,7 @@ ASSUMED = (
     (0.0, 1.0, 1.0), (0.0, 1.0, 0.3),
 )  # fmt: skip
 ERROR_K, ASSUMED_ERROR_K = 0.3, 0.5  # of X beyond all that, and under a sky that is assumed
+BESIDE_SKY = 2  # objects, at least, where the sky was measured
 ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them alone
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
@@ -98,9 +99,9 @@ def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
 
 def completed(environment, cube, library, k=5, seed=0):
     """An Environment that was measured, with what that leaves to a HeatCube to show: the other
-    objects, k in all, if all that was measured is sky; and how the sky's own pixels scatter, if it
-    does not say, and there are any."""
-    alone = k > len(environment.sky) == len(environment)
+    objects, if all that was measured is sky (`objects_completed`); and how the sky's own pixels
+    scatter, if it does not say, and there are any."""
+    k, alone = objects_completed(environment, k), len(environment.sky) == len(environment)
     if not environment.sky or not alone and len(environment.sky_spread):
         return environment
     sample, own = Sample(cube, library, seed), {}
@@ -112,6 +113,13 @@ def completed(environment, cube, library, k=5, seed=0):
     if not len(environment.sky_spread):
         own |= sample.of_sky()
     return replace(environment, **own)
+
+
+def objects_completed(environment, k=5):
+    """How many objects an Environment has, or, if all it has is sky, will have: k, and at least
+    BESIDE_SKY more than it has."""
+    sky = len(environment.sky) == len(environment)
+    return max(k, len(environment) + BESIDE_SKY) if sky else len(environment)
 
 
 class Sample:

@@ -85,7 +85,8 @@ def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, off
     shown = HeatCube(gain * seen.radiance + offset, W, FWHM, 0.05)
     back = corrected(shown, c)
     np.testing.assert_allclose(back.radiance, cube.radiance, rtol=1e-3)
-    assert back.netd_k >= 0.05 / gain  # what is left of the light has the noise of all of it
+    # what is left of the light has the noise of all of it
+    assert back.netd_k * gain == pytest.approx(0.05 / np.exp(np.log(air.transmittance).mean()))
 
 
 def test_the_sky_overhead_is_not_behind_the_air():
@@ -123,6 +124,7 @@ def test_the_search_finds_the_likeliest_air(peak_m, peak_k):
 def test_air_that_hardly_helps_is_not_taken():
     assert searched(100, 283, 0.25) == RIGHT and searched(100, 283, 0.5) != RIGHT
     assert searched(100, 283, -2.0) == RIGHT
+    assert searched(1e4, 283, 5.0) == RIGHT  # beyond all that is tried
 
 
 @pytest.mark.parametrize(
@@ -145,6 +147,39 @@ def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     named = lambda of: (names_of(of) == names_of(truth)).mean()
     assert named(d) > named(right) - 0.03  # in the street 0.25
     assert (off(d) < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
+
+
+def test_the_air_is_as_warm_as_the_scene_where_no_band_is_opaque():
+    cube, truth = traced("street", 54)
+    held = cube.wavelength_um < 12.5
+    far = behind(cube, truth, 200.0, 0.5, 283.0).only(held)
+    d = decompose(far, method="local")
+    assert 100 < d.air_m < 400 and d.air_k == pytest.approx(283, abs=2)
+
+
+def test_air_and_a_gain_at_once():
+    (cube, truth), gain = traced("street", 54), 1.05
+    right = decompose(cube, method="local")
+    far = behind(cube, truth, 200.0, 0.5, 283.0)
+    far = HeatCube(far.radiance * gain, far.wavelength_um, far.fwhm_um, far.netd_k * gain)
+    d = decompose(far, method="local")
+    assert d.gain == pytest.approx(gain, abs=0.01) and 100 < d.air_m < 400
+    ground = names_of(truth) != "sky"
+    assert np.median(np.abs(d.temperature_k - right.temperature_k)[ground]) < 0.3
+
+
+@pytest.mark.parametrize("off", [0.98, 1.02])
+def test_bands_that_are_off_do_not_pass_for_air(off):
+    """The last six, which air would change most."""
+    cube, truth = traced("patterned", 54)
+    shown = cube.radiance.copy()
+    shown[-6:] *= off
+    shown = HeatCube(shown, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    d = decompose(shown, method="local")
+    ground = names_of(truth) != "sky"
+    assert d.air_m == 0 and d.unknown.mean() < 0.1
+    assert np.abs(d.temperature_k - truth.temperature_k)[ground].mean() < 0.6
+    assert (names_of(d) == names_of(truth)).mean() > 0.9
 
 
 @pytest.mark.parametrize(

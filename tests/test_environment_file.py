@@ -102,6 +102,17 @@ def test_beside_a_measured_sky_the_cube_shows_the_rest(capfd, files, scene, meth
     assert (d["material"] == material).mean() > 0.97
 
 
+def test_several_measured_skies_have_others_beside_them_too(capfd, files, scene):
+    _, t, _ = scene
+    cosines = 1.0, 0.8, 0.6, 0.4, 0.2
+    skies = np.stack([sky_radiance(FINE, [c], Atmosphere(280.0, 0.8))[0] for c in cosines])
+    names = [f"sky{i}" for i in range(5)]
+    file = table(files / "skies.csv", values=skies, names=names)
+    out, said, d = decompose(capfd, files, "--environment", file, "--method", "local")
+    assert said["k"] == 7 and "and 2 found" in out and d["sky"].tolist() == [0, 1, 2, 3, 4]
+    assert np.median(np.abs(d["temperature_k"] - t)) < 0.15
+
+
 def test_the_order_of_columns_is_that_of_the_objects(capfd, files):
     table(files / "a.csv")
     table(files / "b.csv", values=shine(FINE)[::-1], names=("ground", "Sky_zenith"))

@@ -8,50 +8,53 @@ is taken for farther, and what is farther for nearer.
 A little air shows hardly how warm it is, much of it very well. So the distance is doubled step by
 step, and the temperature followed from one step to the next.
 
-Only where the sky is in view, whose opaque bands say about how warm the air is.
+Only where the sky is in view, whose opaque bands say about how warm the air is; where no band is
+opaque, it is about as warm as the scene. What is best with the most air that is tried is not taken:
+what is right may lie beyond, or be something else.
 """
 
-from .correction import RIGHT, Calibration
+from .correction import RIGHT
 from .gain_or_offset import losses
 
-METRES = tuple(10.0 * 2**i for i in range(8))
+METRES = tuple(10.0 * 2**i for i in range(9))
 FINER = 2**-0.5, 1.0, 2**0.5  # of the distance, in the end
-WARMER_K = (-2.0, 0.0, 2.0, 4.0, 6.0, 8.0)  # than the sky's opaque bands are in the mean
+WARMER_K = (-2.0, 0.0, 2.0, 4.0, 6.0, 8.0)  # than what shows how warm it is
 STEPS_K = (1.5, 0.75)  # of the temperature, from one distance to the next, and in the end
 WORTH = 0.3  # nats per pixel
 
 
-def air_between(nats_of, air_of, sky_k):
-    """The Calibration, of the Air alone, by which the pixels are likeliest; RIGHT if none is.
+def air_between(nats_of, air_of, about_k, start=RIGHT):
+    """The Calibration of start with the Air by which the pixels are likeliest; start if none is.
 
     nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
              nothing looks like that
     air_of   (metres, K) -> Air
-    sky_k    brightness temperature of the sky's opaque bands, K
+    about_k  what the air is about as warm as, or some K warmer, K
     """
-    nats = {RIGHT: nats_of(RIGHT)}
+    nats = {start: nats_of(start)}
 
     def likeliest(metres, kelvins):
         """nats per pixel of all so far, and which of so much air of these temperatures is best."""
-        some = [Calibration(air=air_of(metres, k)) for k in kelvins if k >= sky_k + WARMER_K[0]]
+        able = [k for k in kelvins if k >= about_k + WARMER_K[0]]
+        some = [start._replace(air=air_of(metres, k)) for k in able]
         nats.update({c: nats_of(c) for c in some if c not in nats})
         loss = losses(nats)
         return loss, min(some, key=loss.get)
 
-    kelvins = [sky_k + k for k in WARMER_K]
+    kelvins = [about_k + k for k in WARMER_K]
     for metres in METRES:
         _, here = likeliest(metres, kelvins)
         loss, here = likeliest(metres, _around(here, STEPS_K[1]))
-        if loss[here] > loss[RIGHT]:
+        if loss[here] > loss[start]:
             break
         kelvins = _around(here, STEPS_K[0])
     best = min(loss, key=loss.get)
-    if best == RIGHT:
-        return RIGHT
+    if best == start or best.air.metres == METRES[-1]:
+        return start
     for finer in FINER:
         loss, _ = likeliest(best.air.metres * finer, _around(best, STEPS_K[1] / 2))
     best = min(loss, key=loss.get)
-    return best if loss[RIGHT] - loss[best] >= WORTH else RIGHT
+    return best if loss[start] - loss[best] >= WORTH else start
 
 
 def _around(c, step):

@@ -35,6 +35,7 @@ from physics import scratch
 from physics.air import Air
 from physics.environment import Environment
 from physics.errors import InputError
+from physics.estimate import OPAQUE_UM
 from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.library import MaterialLibrary
 from physics.planck import brightness_temperature
@@ -85,28 +86,41 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     few, just = _limits(cube)
     nats_of = cache(partial(scene.nats, alike={}))
     found, misfit = RIGHT, scene.left(RIGHT, few)
-    for likelier in _likelier(nats_of, cube, environment if sky else None):
-        left = misfit if likelier == RIGHT else scene.left(likelier, few)
-        fits = left <= just + RISE or likelier.air and left - 1 < AIR_LEAVES * (misfit - 1)
-        if likelier != RIGHT and fits:
+    for likelier in _likelier(nats_of, part, environment, sky):
+        if likelier == RIGHT:
+            continue
+        left = scene.left(likelier, few)
+        if left <= just + RISE or likelier.air and left - 1 < AIR_LEAVES * (misfit - 1):
             found, misfit = likelier, left
             break
-    worse = misfit > just + RISE and found == RIGHT
-    if worse and not few and len(environment) >= LEAST_OBJECTS:
+    if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
         if evened is not None and (less := scene.left(evened, few)) <= just:
             found, misfit = evened, less
     return _with_noise(found, misfit, cube)
 
 
-def _likelier(nats_of, cube, environment):
-    """The Calibrations by which pixels of a HeatCube are likelier than by a right camera: a gain or
-    an offset, and then, where the sky of an Environment is in view, the air between."""
-    yield gain_or_offset(nats_of, environment is not None)
-    if environment is not None and len(environment) >= LEAST_OBJECTS:
-        air_of = partial(Air.of, wavelength_um=cube.wavelength_um, fwhm_um=cube.fwhm_um)
-        sky_k = brightness_temperature(cube.wavelength_um, environment.sky_mean).max()
-        yield air_between(nats_of, air_of, sky_k)
+def _likelier(nats_of, part, environment, sky):
+    """The Calibrations by which pixels, a HeatCube, are likelier in an Environment than by a right
+    camera: a gain or an offset, and, where the sky is in view, that and air between, or air."""
+    camera = gain_or_offset(nats_of, sky)
+    yield camera
+    if sky and len(environment) >= LEAST_OBJECTS:
+        air_of = partial(Air.of, wavelength_um=part.wavelength_um, fwhm_um=part.fwhm_um)
+        for start in dict.fromkeys((camera, RIGHT)):
+            about_k = _about_air_k(
+                corrected(part, start), corrected_environment(environment, start)
+            )
+            yield air_between(nats_of, air_of, about_k, start)
+
+
+def _about_air_k(part, environment):
+    """K, of the sky's opaque bands, or, if there are none, of half of the pixels of a HeatCube."""
+    w = part.wavelength_um
+    sky_k = brightness_temperature(w, environment.sky_mean).max()
+    if w[-1] >= OPAQUE_UM:
+        return sky_k
+    return max(sky_k, np.median(brightness_temperature(w[:, None, None], part.radiance)))
 
 
 def _limits(cube):

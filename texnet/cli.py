@@ -218,7 +218,7 @@ def _parser():
     p.add_argument(
         "--environment", metavar="FILE", type=Path,
         help="take these objects instead, which were measured: a text table of spectra, "
-        "W m-2 sr-1 um-1, headed wavelength_um,sky,...; default: found in the cube",
+        "W m-2 sr-1 um-1, headed wavelength_um,sky,...; what is not sky is found, if all is",
     )  # fmt: skip
 
     def add_training(name, run, text, scenes, epochs, per_epoch):

@@ -74,7 +74,11 @@ def decompose(args):
         else:
             from .budget import choose
 
-            as_many = k if environment is None else min(len(environment), MOST_OBJECTS)
+            as_many = k
+            if environment is not None:
+                from physics.estimate import objects_completed
+
+                as_many = min(objects_completed(environment), MOST_OBJECTS)
             method, foreseen = choose(cube, library, as_many, budget, runner, report)
             run = runner(method)
         d = decompose(

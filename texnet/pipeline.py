@@ -160,9 +160,10 @@ def decompose(
                  where its pixels differ less; or "auto": as many as the scene supports
                  (`physics.support`). If None, 5 where the sky is in view, else as "auto"
     environment  take this one instead (k is its own, but where all of it is sky: the other objects
-                 are found then, 5 in all), at the cube's bands, as this camera shows it: it moves
-                 with the wavelengths, and no gain, offset or air is looked for, but whether it is
-                 kelvins off (not for net); if that is known, say so: environment.off_by(kelvin)
+                 are found then, 5 in all, 2 at least), at the cube's bands, as this camera shows
+                 it: it moves with the wavelengths, and no gain, offset or air is looked for, but
+                 whether it is kelvins off (not for net); if that is known, say so:
+                 environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
@@ -186,7 +187,7 @@ def decompose(
         return (lambda done, total: progress(done, total, what)) if progress else None
 
     if environment is not None:
-        environment.check(cube)
+        environment.check_bands(cube.wavelength_um)
     whole = cube.wavelength_um
     cube, left_out, shift, stated, camera_k = prepared(cube, library)
     floor = cube.netd_k / camera_k
@@ -194,6 +195,7 @@ def decompose(
     if environment is not None:
         environment = environment.only(np.isin(whole, stated))
         environment = replace(environment, wavelength_um=cube.wavelength_um)
+        environment.check(cube)
         environment = completed(environment, cube, library, USUAL_OBJECTS, seed)
     lap("bands")
     untold = dead | beyond

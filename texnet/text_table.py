@@ -45,6 +45,8 @@ def read_table(path, what, column):
                 f"{what}: line {line} of {path} must hold {len(names) + 1} numbers, as many as the "
                 "header has columns, with a decimal point."
             )
+    if not all(names):
+        raise InputError(f"{what}: a column of {path} has no name in its header.")
     if not values or not names:
         raise InputError(
             f"{what}: {path} must hold a column per {column} and a row per wavelength."
@@ -60,15 +62,16 @@ def read_table(path, what, column):
 
 def _rows(lines):
     """[(line number from 1, cells)] of all lines but blank ones and comments."""
-    lines = [(n, line.strip()) for n, line in enumerate(lines, 1)]
-    lines = [
-        (n, line.lstrip("# "))
-        for n, line in lines
-        if line and (line[0] != "#" or line.lstrip("# ").startswith(tuple(AXES)))
-    ]
-    mark = next((c for _, header in lines[:1] for c in header if c in ",;\t"), None)
-    apart = (lambda line: next(csv.reader([line], delimiter=mark))) if mark else str.split
-    return [(n, [cell.strip() for cell in apart(line)]) for n, line in lines]
+    lines = [(n, line.strip()) for n, line in enumerate(lines, 1) if line.strip()]
+    rows = [(n, line) for n, line in lines if line[0] != "#"]
+    if rows and not rows[0][1].startswith(tuple(AXES)):  # as numpy.savetxt writes its header
+        before = [(n, line.lstrip("# ")) for n, line in lines if n < rows[0][0]]
+        rows = [(n, line) for n, line in before if line.startswith(tuple(AXES))][-1:] + rows
+    mark = next((c for _, header in rows[:1] for c in header if c in ",;\t"), None)
+    apart = str.split
+    if mark:
+        apart = lambda line: next(csv.reader([line], delimiter=mark, skipinitialspace=True))
+    return [(n, [cell.strip() for cell in apart(line)]) for n, line in rows]
 
 
 def number(text):
