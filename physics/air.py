@@ -39,5 +39,6 @@ class Air(NamedTuple):
     @property
     def noise(self):
         """By how much more noise S has than S', in the geometric mean over the bands, with which
-        spectra in units of it are as likely as before."""
+        spectra in units of it are as likely as before. One number: 300 m leave the last band 1.5
+        times as much noise as that, and the windows less."""
         return float(np.exp(-np.log(self.transmittance).mean()))
