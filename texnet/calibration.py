@@ -2,7 +2,7 @@
 
 First a gain or an offset of all bands (`gain_or_offset`), which is taken if with it the pixels fit;
 else the air before the camera (`air_between`), which is if they fit or most of what does not is
-gone, as it need not be as much everywhere.
+gone, as it need not be as much everywhere, and if gains of the bands leave no less.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -86,16 +86,17 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     few, just = _limits(cube)
     nats_of = cache(partial(scene.nats, alike={}))
     found, misfit = RIGHT, scene.left(RIGHT, few)
+    fits = misfit <= just + RISE
     for likelier in _likelier(nats_of, part, environment, sky):
         if likelier == RIGHT:
             continue
         left = scene.left(likelier, few)
         if left <= just + RISE or likelier.air and left - 1 < AIR_LEAVES * (misfit - 1):
-            found, misfit = likelier, left
+            found, misfit, fits = likelier, left, fits or likelier.air is None
             break
-    if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
+    if not fits and not few and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
-        if evened is not None and (less := scene.left(evened, few)) <= just:
+        if evened is not None and (less := scene.left(evened, few)) <= min(just, misfit):
             found, misfit = evened, less
     return _with_noise(found, misfit, cube)
 
