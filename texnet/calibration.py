@@ -86,7 +86,7 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     few, just = _limits(cube)
     nats_of = cache(partial(scene.nats, alike={}))
     found, misfit = RIGHT, scene.left(RIGHT, few)
-    fits = misfit <= just + RISE
+    fits = misfit <= just + RISE  # without air
     for likelier in _likelier(nats_of, part, environment, sky):
         if likelier == RIGHT:
             continue
