@@ -7,8 +7,7 @@ the size on each side, repeated), the starter library of 30 materials, an estima
 k = 4 objects, two threads; to be run where there are two cores. In one run, in turn, so often
 repeated as stands in a row:
 
-    local, net, net+sgd   texnet: the whole of `decompose` but files and pictures, net in torch;
-                          where torch finds a GPU, net+sgd on that, too
+    local, net, net+sgd   texnet: the whole of `decompose` but files and pictures, net in torch
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
                           pixels that are neither sky nor mixed with it; the median
@@ -17,6 +16,8 @@ repeated as stands in a row:
                           else a stand-in of as many parameters and multiply-adds
     read, product         the limits: one pass over the cube's bytes, and the matrix product
                           that takes pixels to the inner products with all hypotheses
+    GPU                   where torch finds one, net, net+sgd and PAN there, and a draw of training
+                          (64 x 64 pixels; by the extra `train`) there and on the CPU
 
 then the simulator (rays a second, traced and shaded, against bare Embree on the same rays),
 start-up times and peak memory of whole commands, and `growth`: time against pixels, bands,
@@ -58,6 +59,7 @@ from physics.simulator.sensor import Bands
 from physics.simulator.traced import trace_on_demand
 from physics.whole_file import whole_file
 from texnet.learned import torch_model
+from texnet.network import TeXNet
 from texnet.pipeline import decompose
 
 FRAME, BANDS, K, NETD_K = (1080, 1920), 54, 4, 0.05
@@ -113,16 +115,46 @@ def methods(cube, library, run):
     """Rows of texnet's methods on the whole frame; run is of the ONNX file."""
     net = torch_model(refined=False)
     pixels = cube.shape[0] * cube.shape[1]
-    rows = [
+    return [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
         timed("net", pixels, lambda: decompose(cube, library, method="net", k=K, model=net)),
         timed("local", pixels, lambda: decompose(cube, library, method="local", k=K)),
     ]
-    if torch.cuda.is_available():
-        there = torch_model(device="cuda")
-        on_gpu = timed("net+sgd, GPU", pixels, lambda: decompose(cube, library, k=K, model=there))
-        rows.append(on_gpu | {"device": torch.cuda.get_device_name()})
-    return rows
+
+
+def on_gpu(cube, library):
+    """Rows of what torch computes on its first GPU, none without one; of training a CPU's, too."""
+    if not torch.cuda.is_available():
+        return []
+    pixels, rows = cube.shape[0] * cube.shape[1], []
+    for method in ("net+sgd", "net"):
+        model = torch_model(method == "net+sgd", device="cuda")
+        of = partial(decompose, cube, library, method=method, k=K, model=model)
+        rows.append(timed(f"{method}, GPU", pixels, of))
+    rows += [pan_forward(cube, "cuda"), training_draw("cpu"), training_draw("cuda")]
+    return [row | {"device": torch.cuda.get_device_name()} for row in rows]
+
+
+def training_draw(device):
+    """A row of what training does with a draw that is made."""
+    from training.samples import draw, features
+    from training.scenes import Settings, make_record
+    from training.train import SIDE, Training
+
+    sample = draw(make_record(Settings(), "train", 0), np.random.default_rng(0), SIDE)
+    module = Training(TeXNet(), 1).to(device)
+    batch = sample, features(sample.known, sample.radiance)
+    (optimiser,), _ = module.configure_optimizers()
+
+    def run():
+        optimiser.zero_grad()
+        there = module.transfer_batch_to_device(batch, torch.device(device), 0)
+        module.loss(*there).backward()
+        optimiser.step()
+        _wait(device)
+
+    name = "training" if device == "cpu" else "training, GPU"
+    return timed(name, SIDE**2, run, repeats=20)
 
 
 def scipy_fit(cube, library, environment):
@@ -204,19 +236,27 @@ def _stand_in(bands):
     return nn.Sequential(*layers, nn.Conv2d(n, 30, 1), nn.Upsample(scale_factor=16))
 
 
-def pan_forward(cube):
-    """A row of the peer's forward pass."""
+def pan_forward(cube, device="cpu"):
+    """A row of the peer's forward pass, of a picture that lies where it is computed."""
     network, name = pan(cube.bands)
-    network.eval()
+    network.eval().to(device)
     height, width = (n // 32 * 32 for n in PART)
-    x = torch.from_numpy(np.ascontiguousarray(cube.radiance[None, :, :height, :width]))
+    x = torch.from_numpy(cube.radiance[None, :, :height, :width].copy()).to(device)
 
     def run():
         with torch.no_grad():
             network(x)
+        _wait(device)
 
     parameters = sum(p.numel() for p in network.parameters())
+    name = name if device == "cpu" else f"{name}, GPU"
     return timed(name, height * width, run) | {"parameters": parameters}
+
+
+def _wait(device):
+    """Until all is done that a GPU was told."""
+    if device != "cpu":
+        torch.cuda.synchronize()
 
 
 def limits(cube, library, environment):
@@ -396,7 +436,7 @@ def measure(out, large=False, say=print):
     environment = estimate_environment(cube, library, K)
     rows = methods(cube, library, run)
     rows += [scipy_fit(cube, library, environment), pan_forward(cube)]
-    rows += limits(cube, library, environment)
+    rows += limits(cube, library, environment) + on_gpu(cube, library)
     per = {r["what"]: r["seconds_per_megapixel"] for r in rows}
     peer = next(name for name in per if name.startswith("PAN"))
     ratios = {

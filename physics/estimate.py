@@ -28,6 +28,7 @@ from functools import partial
 
 import numpy as np
 from sklearn.cluster import KMeans
+from threadpoolctl import threadpool_limits
 
 from .bands import band_means, quadrature
 from .dead_pixels import MOST, lit
@@ -79,6 +80,7 @@ ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them al
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
+@threadpool_limits.wrap(limits=1)  # on so little, many threads wait for each other
 def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
     """Estimate the Environment of a HeatCube.
 

@@ -233,10 +233,19 @@ def _planck_series(nodes_um, prior_k):
 
 
 def cholesky(gram, most):
-    """L and L^-1 of I + gram (R, q, q) = L L', from operations that ONNX has.
+    """L and L^-1 of I + gram (R, q, q) = L L'; an exported graph is for any q <= most."""
+    if torch.compiler.is_exporting():
+        return _cholesky_by_blocks(gram, most)
+    eye = _eye(gram.shape[1], gram.shape[1], gram)
+    lower = torch.linalg.cholesky_ex(eye + gram)[0]
+    return lower, torch.linalg.solve_triangular(lower, eye, upper=False)
 
-    Padded with the identity to `most` >= q, a multiple of BLOCK; block by block, within a block
-    by elimination.
+
+def _cholesky_by_blocks(gram, most):
+    """The same, from operations that ONNX has.
+
+    Padded with the identity to `most`, a multiple of BLOCK; block by block, within a block by
+    elimination.
     """
     pad = _eye(most, gram.shape[1], gram)
     a = pad @ gram @ pad.T + _eye(most, most, gram)

@@ -23,6 +23,7 @@ from physics.evidence import (
     TERMS,
     Hypotheses,
     Known,
+    _cholesky_by_blocks,
     _planck_series,
     cholesky,
     components,
@@ -407,13 +408,17 @@ def test_little_is_lost_to_rounding_where_noise_is_least(bands, rich, k):
 # --- the factorisation -------------------------------------------------------------------------
 
 
+both = pytest.mark.parametrize("factorise", [cholesky, _cholesky_by_blocks])
+
+
+@both
 @settings(max_examples=40, deadline=None)
 @given(q=st.integers(1, MAX_COMPONENTS), seed=st.integers(0, 2**31), decades=st.floats(-2, 4))
-def test_factorisation_agrees_with_lapack(q, seed, decades):
+def test_factorisation_agrees_with_numpy(factorise, q, seed, decades):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(3, q, rng.integers(1, 40))) * 10 ** rng.uniform(-2, decades, (3, q, 1))
     gram = rows @ rows.transpose(0, 2, 1)
-    lower, inverse = (x.numpy() for x in cholesky(torch.from_numpy(gram), MAX_COMPONENTS))
+    lower, inverse = (x.numpy() for x in factorise(torch.from_numpy(gram), MAX_COMPONENTS))
     exact = np.linalg.cholesky(np.eye(q) + gram)
     assert lower.shape == inverse.shape == gram.shape
     # both are backward stable: rounding enters through the condition, of which L has the root
@@ -424,25 +429,27 @@ def test_factorisation_agrees_with_lapack(q, seed, decades):
     assert np.abs(inverse @ lower - np.eye(q)).max() < slack
 
 
+@both
 @pytest.mark.parametrize("most", [MAX_UNKNOWNS, MAX_COMPONENTS])
-def test_factorisation_at_every_size(most):
+def test_factorisation_at_every_size(factorise, most):
     for q in range(1, most + 1):
         rows = np.random.default_rng(q).normal(size=(2, q, q + 3)) * 30
         gram = rows @ rows.transpose(0, 2, 1)
-        lower, inverse = (x.numpy() for x in cholesky(torch.from_numpy(gram), most))
+        lower, inverse = (x.numpy() for x in factorise(torch.from_numpy(gram), most))
         exact = np.linalg.cholesky(np.eye(q) + gram)
         np.testing.assert_allclose(lower, exact, atol=1e-11 * np.abs(exact).max())
         np.testing.assert_allclose(inverse @ exact, np.eye(q)[None].repeat(2, 0), atol=1e-9)
 
 
+@both
 @pytest.mark.parametrize("decades", [0, 4, 8])
-def test_factorisation_of_what_is_almost_known(decades):
+def test_factorisation_of_what_is_almost_known(factorise, decades):
     """S = I - gram of unknowns that the pixel tells to 1e-4 of the prior: its inverse is good."""
     q, rng = 15, np.random.default_rng(decades)
     turn = np.linalg.qr(rng.normal(size=(q, q)))[0]
     of_s = 10.0 ** -rng.uniform(0, decades, q)
     gram = (turn * (of_s - 1)) @ turn.T
-    _, inverse = cholesky(torch.from_numpy(gram)[None], MAX_UNKNOWNS)
+    _, inverse = factorise(torch.from_numpy(gram)[None], MAX_UNKNOWNS)
     precision = (inverse.transpose(1, 2) @ inverse)[0].numpy()
     # along every axis; rounding of gram itself is 1e-16 of of_s = 1e-8
     along = ((precision @ turn) * turn).sum(axis=0)

@@ -17,6 +17,7 @@ from .model import TeX, TeXModel
 from .weights import load_network
 
 WEIGHTS = "texnet.safetensors"  # in texnet/data
+ON_GPU = 2  # tiles at once: a GPU has less to do than there is to tell it
 _ONE_RUN = Lock()
 
 
@@ -35,20 +36,23 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
 
     def answer(*inputs):
         known, tile, log_expected, inner = inputs
-        there = Known.of(known, device)
-        tile, log_expected = (torch.from_numpy(a).to(device) for a in (tile, log_expected))
-        tex = model(there, tile, log_expected, torch.from_numpy(inner))
-        return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
+        with torch.cuda.stream(torch.cuda.Stream() if device == "cuda" else None):
+            there = Known.of(known, device)
+            tile, log_expected = (torch.from_numpy(a).to(device) for a in (tile, log_expected))
+            tex = model(there, tile, log_expected, torch.from_numpy(inner))
+            return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
 
     def run(radiance, known, progress=None, expected=None, regions=None):
-        with _ONE_RUN:  # torch's threads are those of the process
+        # torch's threads are those of the process, and so is how exactly it convolves on a GPU
+        with _ONE_RUN, torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
             threads = torch.get_num_threads()
-            at_once = min(threads, MOST_AT_ONCE) if device == "cpu" else 1
-            torch.set_num_threads(threads // at_once)  # many on one tile waste more than one each
+            at_once = min(threads, MOST_AT_ONCE) if device == "cpu" else ON_GPU
+            bytes_each = TILE_BYTES / (at_once if device == "cpu" else 1)
+            torch.set_num_threads(max(1, threads // at_once))  # many on one tile waste more
             try:
                 return by_tiles(
                     answer, radiance, known, expected, regions, halo=network.halo,
-                    cell=network.config["stride"], tile_bytes=TILE_BYTES / at_once,
+                    cell=network.config["stride"], tile_bytes=bytes_each,
                     at_once=at_once, progress=progress,
                 )  # fmt: skip
             finally:

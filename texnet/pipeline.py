@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from physics import hot, scratch
 from physics.environment import Environment
@@ -275,6 +276,7 @@ def decompose(
     )  # fmt: skip
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # as in `estimate_environment`
 def _calibration_or_sky(cube, environment, estimate, counting, look, library, untold):
     """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
     Environment with it or without, whose objects are counted, if counting, only then."""
