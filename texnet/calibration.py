@@ -2,7 +2,9 @@
 
 First a gain or an offset of all bands (`gain_or_offset`), which is taken if with it the pixels fit;
 else the air before the camera (`air_between`), which is if they fit or most of what does not is
-gone, as it need not be as much everywhere, and if gains of the bands leave no less.
+gone, as it need not be as much everywhere. It must make the pixels likelier also at the noise that
+it takes without: at the noise that is stated bands that are off pass for hot air, behind which
+mirrors fit nearly everything.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -86,17 +88,17 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     few, just = _limits(cube)
     nats_of = cache(partial(scene.nats, alike={}))
     found, misfit = RIGHT, scene.left(RIGHT, few)
-    fits = misfit <= just + RISE  # without air
+    noise = _with_noise(RIGHT, misfit, cube).noise  # that it takes if nothing else is wrong
     for likelier in _likelier(nats_of, part, environment, sky):
-        if likelier == RIGHT:
+        if likelier == RIGHT or _likelier_without_air(nats_of, likelier, noise):
             continue
         left = scene.left(likelier, few)
         if left <= just + RISE or likelier.air and left - 1 < AIR_LEAVES * (misfit - 1):
-            found, misfit, fits = likelier, left, fits or likelier.air is None
+            found, misfit = likelier, left
             break
-    if not fits and not few and len(environment) >= LEAST_OBJECTS:
+    if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
-        if evened is not None and (less := scene.left(evened, few)) <= min(just, misfit):
+        if evened is not None and (less := scene.left(evened, few)) <= just:
             found, misfit = evened, less
     return _with_noise(found, misfit, cube)
 
@@ -113,6 +115,12 @@ def _likelier(nats_of, part, environment, sky):
                 corrected(part, start), corrected_environment(environment, start)
             )
             yield air_between(nats_of, air_of, about_k, start)
+
+
+def _likelier_without_air(nats_of, c, noise):
+    """Whether at so much noise pixels are likelier by a Calibration without its Air."""
+    loss = losses({air: nats_of(c._replace(noise=noise, air=air)) for air in (c.air, None)})
+    return loss[None] < loss[c.air]
 
 
 def _about_air_k(part, environment):
