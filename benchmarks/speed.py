@@ -16,8 +16,8 @@ repeated as stands in a row:
                           else a stand-in of as many parameters and multiply-adds
     read, product         the limits: one pass over the cube's bytes, and the matrix product
                           that takes pixels to the inner products with all hypotheses
-    GPU                   where torch finds one, net, net+sgd and PAN there, and a draw of training
-                          (64 x 64 pixels; by the extra `train`) there and on the CPU
+    GPU                   where torch finds one, net, net+sgd and PAN there, and a few draws of
+                          training (64 x 64 pixels; extra `train`) there and on the CPU
 
 then the simulator (rays a second, traced and shaded, against bare Embree on the same rays),
 start-up times and peak memory of whole commands, and `growth`: time against pixels, bands,
@@ -68,6 +68,7 @@ PIECE = 2  # times as large, on each side, is the frame as what was traced for i
 SCIPY_PIXELS = 30
 PART = 544, 960
 REPEATS = 3
+DRAWS = 16  # of training
 SIMULATED, SPP = (256, 384), 16
 GROWTH = {
     "pixels": (128, 256, 512, 1024),  # on a side
@@ -126,35 +127,37 @@ def on_gpu(cube, library):
     """Rows of what torch computes on its first GPU, none without one; of training a CPU's, too."""
     if not torch.cuda.is_available():
         return []
-    pixels, rows = cube.shape[0] * cube.shape[1], []
+    pixels, rows, gpu = cube.shape[0] * cube.shape[1], [], {"device": torch.cuda.get_device_name()}
     for method in ("net+sgd", "net"):
         model = torch_model(method == "net+sgd", device="cuda")
         of = partial(decompose, cube, library, method=method, k=K, model=model)
         rows.append(timed(f"{method}, GPU", pixels, of))
-    rows += [pan_forward(cube, "cuda"), training_draw("cpu"), training_draw("cuda")]
-    return [row | {"device": torch.cuda.get_device_name()} for row in rows]
+    rows += [pan_forward(cube, "cuda"), training_draws("cuda")]
+    return [row | gpu for row in rows] + [training_draws("cpu")]
 
 
-def training_draw(device):
-    """A row of what training does with a draw that is made."""
+def training_draws(device):
+    """A row of what training does with draws that are made, half of which have a glance."""
     from training.samples import draw, features
     from training.scenes import Settings, make_record
     from training.train import SIDE, Training
 
-    sample = draw(make_record(Settings(), "train", 0), np.random.default_rng(0), SIDE)
+    record, rng = make_record(Settings(), "train", 0), np.random.default_rng(0)
+    samples = [draw(record, rng, SIDE) for _ in range(DRAWS)]
+    batches = [(s, features(s.known, s.radiance)) for s in samples]
     module = Training(TeXNet(), 1).to(device)
-    batch = sample, features(sample.known, sample.radiance)
     (optimiser,), _ = module.configure_optimizers()
 
     def run():
         optimiser.zero_grad()
-        there = module.transfer_batch_to_device(batch, torch.device(device), 0)
-        module.loss(*there).backward()
+        for batch in batches:
+            there = module.transfer_batch_to_device(batch, torch.device(device), 0)
+            module.loss(*there).backward()
         optimiser.step()
         _wait(device)
 
     name = "training" if device == "cpu" else "training, GPU"
-    return timed(name, SIDE**2, run, repeats=20)
+    return timed(name, DRAWS * SIDE**2, run)
 
 
 def scipy_fit(cube, library, environment):

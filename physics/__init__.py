@@ -24,6 +24,7 @@ environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
 support      how many of them a scene supports
 bands        bands of finite width
+blas         BLAS's own threads, where they would be in the way
 prior        what is known of temperatures before any pixel is solved
 reduced      the forward model in r dimensions, and the evidence
 faces        Eq. 6 where it is known which V are zero, for many pixels at once

@@ -31,6 +31,7 @@ from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from .bands import band_means, quadrature
+from .blas import no_blas_threads
 from .dead_pixels import MOST, lit
 from .environment import Environment
 from .errors import InputError
@@ -80,7 +81,7 @@ ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them al
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
-@threadpool_limits.wrap(limits=1)  # on so little, many threads wait for each other
+@no_blas_threads()
 def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
     """Estimate the Environment of a HeatCube.
 
@@ -316,7 +317,8 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
 def _clusters(spectra, k, starts, seed):
     """K-means, with no more clusters than there are different spectra."""
     k = min(k, len(np.unique(spectra, axis=0)))
-    return KMeans(k, n_init=starts, random_state=seed).fit(spectra)
+    with threadpool_limits(1, "openmp"):  # on so little, many threads wait for each other
+        return KMeans(k, n_init=starts, random_state=seed).fit(spectra)
 
 
 def _principal(deviations):

@@ -354,7 +354,41 @@ def test_it_is_computed_where_its_inputs_are(steps):
     assert tex.texture.shape == (world.bands, *SHAPE)
 
 
-def test_a_gpu_that_is_not_there_is_refused(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+@pytest.mark.parametrize("there", [False, True])
+def test_a_gpu_that_is_not_there_or_not_fit_is_refused(monkeypatch, there):
+    def too_old(*_, **__):
+        raise RuntimeError("no kernel image is available\nfor this device")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: there)
+    monkeypatch.setattr(torch, "zeros", too_old)
     with pytest.raises(InputError, match="take --device cpu"):
         torch_model(device="cuda")
+
+
+def test_a_cpu_s_answer_leaves_gpus_alone(monkeypatch):
+    def busy():
+        raise RuntimeError("all of the GPU's memory is taken")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "current_device", busy)
+    world = world_of()
+    maps = torch_model()(
+        world.cube.radiance, {n: a.numpy() for n, a in world.known()._asdict().items()}
+    )
+    assert np.isfinite(maps["temperature_k"]).all()
+
+
+def test_precision_is_ours():
+    """Lightning advises lower precisions for the whole process; they would change materials."""
+    world = world_of()
+    known = {n: a.numpy() for n, a in world.known()._asdict().items()}
+    run = torch_model()
+    right = run(world.cube.radiance, known)
+    torch.set_float32_matmul_precision("medium")
+    try:
+        again = run(world.cube.radiance, known)
+        assert torch.get_float32_matmul_precision() == "medium"
+    finally:
+        torch.set_float32_matmul_precision("highest")
+    for name, a in right.items():
+        np.testing.assert_array_equal(again[name], a, name)

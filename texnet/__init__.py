@@ -13,7 +13,7 @@ pipeline    the pipeline: HeatCube in, Decomposition out
 calibration what is wrong with the camera, and how much noise there is, where the scene shows it
 gain_or_offset  a gain or an offset of the camera
 band_gains  gains of its bands among each other
-air_between  how much air lies before it
+air_between  how much air lies before it; distances, before each pixel
 correction  what a right camera would have shown
 glance      which materials the scene holds, and where, from afar
 exact       methods local and sgd

@@ -2,11 +2,12 @@
 
 Air pulls all that is seen through it towards its own temperature, most where it absorbs most: no
 material does that. So metres of air and its temperature are taken by which the pixels are
-likeliest, if they are by WORTH. They are so of the whole picture alike: what is nearer than most
-is taken for farther, and what is farther for nearer.
+likeliest, if they are by WORTH, of the whole picture alike at first (`distances` tells its parts
+apart).
 
-A little air shows hardly how warm it is, much of it very well. So the distance is doubled step by
-step, and the temperature followed from one step to the next.
+A little air shows hardly how warm it is, much of it very well, the more so the warmer and damper it
+is. So the distance is doubled step by step, and temperatures are tried at each that are usual, and
+that are near the last one's best.
 
 Only where the sky is in view, whose opaque bands say about how warm the air is; where no band is
 opaque, it is about as warm as the scene. What is best with the most air that is tried is not taken:
@@ -41,13 +42,13 @@ def air_between(nats_of, air_of, about_k, start=RIGHT):
         loss = losses(nats)
         return loss, min(some, key=loss.get)
 
-    kelvins = [about_k + k for k in WARMER_K]
+    usual, near = [about_k + k for k in WARMER_K], []
     for metres in METRES:
-        _, here = likeliest(metres, kelvins)
+        _, here = likeliest(metres, usual + near)
         loss, here = likeliest(metres, _around(here, STEPS_K[1]))
         if loss[here] > loss[start]:
             break
-        kelvins = _around(here, STEPS_K[0])
+        near = _around(here, STEPS_K[0])
     best = min(loss, key=loss.get)
     if best == start or best.air.metres == METRES[-1]:
         return start

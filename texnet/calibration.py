@@ -211,8 +211,8 @@ class _Scene(NamedTuple):
 
     def nats(self, c, alike):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
-        surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
         try:
+            surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
             nats = -self.maps(surroundings, part, alike)["log_evidence"].ravel().astype(np.float64)
         except InputError:  # nothing looks like that
             return np.full(part.radiance[0].size, np.inf)

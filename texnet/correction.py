@@ -4,7 +4,9 @@ A camera of gain g, bands' gains g_b and offset o shows g g_b S'_b + o of the ra
 it, which is that of the scene, S_b, or what air lets through of it (`physics.air`).
 """
 
+import math
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from physics.heat_cube import MAX_NETD_K
 from physics.planck import noise_sigma
 
 DARKEST = 0.05  # what is left of a radiance, at least
+STEP = 0.1  # of ln metres, where each pixel has a distance of its own
 
 
 class Calibration(NamedTuple):
@@ -49,19 +52,34 @@ class Calibration(NamedTuple):
 RIGHT = Calibration()
 
 
-def corrected(cube, c):
-    """The HeatCube that a right camera would have shown, of a Calibration."""
+def corrected(cube, c, distance_m=None):
+    """The HeatCube that a right camera would have shown, of a Calibration; distance_m (height,
+    width) of the Air before each pixel, that of the Calibration if None."""
     noise = c.noise * (c.air.noise if c.air else 1.0)
     netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
-    offset, gain = (a.astype(np.float32) for a in _offset_and_gain(cube.wavelength_um, c))
+    if distance_m is None:
+        at, some = 0, [c]
+    else:
+        at, some = _by_distance(distance_m, c, cube)
+    all_of = np.array([_offset_and_gain(cube.wavelength_um, c) for c in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
-    for to, band, o, g in zip(radiance, scratch.parts(cube.radiance), offset, gain, strict=True):
-        to[:] = _corrected(band, o, g)
+    for b, band in enumerate(scratch.parts(cube.radiance)):
+        radiance[b] = _corrected(band, *all_of[:, :, b].T[:, at])
         scratch.release(radiance)
     radiance.setflags(write=False)
     return replace(cube, radiance=radiance, netd_k=netd_k)
+
+
+def _by_distance(distance_m, c, cube):
+    """Indices (height, width) into some Calibrations, and these, which have as much Air as is
+    before each pixel, to STEP."""
+    steps = np.round(np.log(distance_m / c.air.metres) / STEP).astype(int)
+    numbers = range(steps.min(), steps.max() + 1)
+    of = partial(Air.of, wavelength_um=cube.wavelength_um, fwhm_um=cube.fwhm_um)
+    metres = [c.air.metres * math.exp(STEP * n) for n in numbers]
+    return steps - numbers[0], [c._replace(air=of(m, c.air.temperature_k)) for m in metres]
 
 
 def corrected_environment(environment, c):

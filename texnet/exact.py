@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numba
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from physics import hot
+from physics.blas import no_blas_threads
 from physics.distill import distill
 from physics.local import solve_local
 from physics.planck import brightness_temperature
@@ -42,7 +42,7 @@ def solve(cube, library, environment, regions, smooth, report, lap):
     threads = numba.get_num_threads()
     solve_local(model, cube.pixels([0]), threads=1)  # compiled here, where it can be interrupted
 
-    with threadpool_limits(1, "blas"):  # whose threads would be in the way of ours
+    with no_blas_threads():
         if smooth:
             local = solve_local(model, cube.spectra, report("local"))
             lap("local")
@@ -63,7 +63,7 @@ def solve_hot(cube, radiance, library, environment):
     noisy = replace(cube, netd_k=hot.netd_k(cube, radiance))
     of_hot = hot.temperatures(cube.wavelength_um, radiance)
     model = reduce_model(noisy, library, environment, of_hot)
-    with threadpool_limits(1, "blas"):
+    with no_blas_threads():
         maps = _by_tiles(model, radiance[:, None], numba.get_num_threads())
     return {name: a[..., 0, :] for name, a in maps.items()}
 

@@ -1,8 +1,10 @@
 """The model in torch, tile by tile, as `pipeline` calls it: the twin of export's runtime."""
 
+from contextlib import contextmanager
 from copy import deepcopy
 from functools import cache
 from importlib.resources import as_file, files
+from queue import SimpleQueue
 from threading import Lock
 
 import torch
@@ -31,28 +33,42 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
     regions   physics.expected.Regions of the picture, or None: all materials everywhere
     """
     check_device(device)
-    network = network or shipped_network()
-    model = TeXModel(deepcopy(network).to(device), steps if refined else 0)
+    network, gpu = network or shipped_network(), device == "cuda"
+    # the same one in all threads
+    there = torch.device("cuda", torch.cuda.current_device()) if gpu else torch.device("cpu")
+    model = TeXModel(deepcopy(network).to(there), steps if refined else 0)
+    streams = SimpleQueue()
+    for _ in range(ON_GPU if gpu else 0):
+        streams.put(torch.cuda.Stream(there))
 
     def answer(*inputs):
         known, tile, log_expected, inner = inputs
-        with torch.cuda.stream(torch.cuda.Stream() if device == "cuda" else None):
-            there = Known.of(known, device)
-            tile, log_expected = (torch.from_numpy(a).to(device) for a in (tile, log_expected))
-            tex = model(there, tile, log_expected, torch.from_numpy(inner))
-            return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
+        tile, log_expected = (torch.from_numpy(a).to(there) for a in (tile, log_expected))
+        tex = model(Known.of(known, there), tile, log_expected, torch.from_numpy(inner))
+        return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
+
+    def answer_beside_others(*inputs):
+        stream = streams.get()
+        try:
+            with torch.cuda.stream(stream):
+                return answer(*inputs)
+        except torch.OutOfMemoryError as e:
+            raise InputError("device: the GPU has too little memory; take --device cpu.") from e
+        finally:
+            streams.put(stream)
 
     def run(radiance, known, progress=None, expected=None, regions=None):
-        # torch's threads are those of the process, and so is how exactly it convolves on a GPU
-        with _ONE_RUN, torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+        with _ONE_RUN, _exact():  # torch's threads and precision are those of the process
             threads = torch.get_num_threads()
-            at_once = min(threads, MOST_AT_ONCE) if device == "cpu" else ON_GPU
-            bytes_each = TILE_BYTES / (at_once if device == "cpu" else 1)
+            at_once = ON_GPU if gpu else min(threads, MOST_AT_ONCE)
+            tile_bytes = TILE_BYTES / at_once
+            if gpu:  # where a tile is worked on all at once, not chunk by chunk
+                tile_bytes = min(TILE_BYTES, torch.cuda.mem_get_info(there)[0] / (10 * at_once))
             torch.set_num_threads(max(1, threads // at_once))  # many on one tile waste more
             try:
                 return by_tiles(
-                    answer, radiance, known, expected, regions, halo=network.halo,
-                    cell=network.config["stride"], tile_bytes=bytes_each,
+                    answer_beside_others if gpu else answer, radiance, known, expected, regions,
+                    halo=network.halo, cell=network.config["stride"], tile_bytes=tile_bytes,
                     at_once=at_once, progress=progress,
                 )  # fmt: skip
             finally:
@@ -61,10 +77,34 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
     return run
 
 
+@contextmanager
+def _exact():
+    """float32 is float32 here, whatever the process has set: TF32 and bfloat16 change materials."""
+    backends = torch.backends
+    of = (
+        backends.cuda.matmul, backends.cudnn.conv, backends.mkldnn.matmul, backends.mkldnn.conv,
+    )  # fmt: skip
+    before = [b.fp32_precision for b in of]
+    for b in of:
+        b.fp32_precision = "ieee"
+    try:
+        yield
+    finally:
+        for b, was in zip(of, before, strict=True):
+            b.fp32_precision = was
+
+
 def check_device(device):
     """Raise InputError if torch cannot compute on a device, "cpu" or "cuda"."""
-    if device == "cuda" and not torch.cuda.is_available():
+    if device != "cuda":
+        return
+    if not torch.cuda.is_available():
         raise InputError("device: torch finds no CUDA GPU here; take --device cpu.")
+    try:
+        torch.zeros(8, device="cuda").sum().item()
+    except (RuntimeError, AssertionError) as e:  # too old, or full
+        why = str(e).splitlines()[0]
+        raise InputError(f"device: torch cannot use the GPU ({why}); take --device cpu.") from e
 
 
 @cache

@@ -102,6 +102,8 @@ def _save_arrays(d, path):
     arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
     arrays["sky"] = np.asarray(d.sky, np.int64)
     arrays["left_out"] = np.array(list(d.left_out), np.float64)
+    if d.distance_m is not None:
+        arrays["distance_m"] = d.distance_m
     # X is as random as its noise: packing it costs seconds, saves little
     save_arrays(path, arrays, compress=False)
 

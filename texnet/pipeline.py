@@ -4,7 +4,8 @@ Bad bands are left out, the noise is what the cube shows, if more than stated, a
 are those that the sky's ozone shows, if others than stated. Then come the environment from the
 cube, a sky that is not in view, if nothing else explains the pixels, the camera's gains or offset
 or the air before it, if these show them, or more noise, if nothing fits (`calibration`; not for
-net), a glance from afar at what materials there are and where, and then
+net), how much of that air is before each pixel (`distances`), a glance from afar at what materials
+there are and where, and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -19,9 +20,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from physics import hot, scratch
+from physics.blas import no_blas_threads
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import completed, estimate_environment
@@ -37,6 +38,7 @@ from physics.saturation import saturated
 from . import glance
 from .calibration import calibration, of_given, under_a_sky
 from .correction import RIGHT, corrected
+from .distances import distances
 from .doubt import (
     doubt_k,
     sigma_among_neighbours,
@@ -85,6 +87,8 @@ class Decomposition:
                           being so many K at 300 K,
     air_m, air_k          without so many metres of air between, of so many K; 0 and NaN where there
                           is too little to tell
+    distance_m            (height, width) m of that air before each pixel; None where there is too
+                          little to tell
     calibration_error_k   as it was stated, K at 300 K
     environment_error_k   K by which an environment that was given is likely off, and which T and
                           its sigma take into account; 0 where it fits
@@ -124,6 +128,7 @@ class Decomposition:
     offset_k: float = 0.0
     air_m: float = 0.0
     air_k: float = math.nan
+    distance_m: np.ndarray | None = None
     calibration_error_k: float = 0.0
     environment_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
@@ -201,7 +206,7 @@ def decompose(
     lap("bands")
     untold = dead | beyond
     cold, burns, burning = hot.parted(cube)
-    given, shown, assumed, error_k = environment, RIGHT, False, 0.0
+    given, shown, assumed, error_k, metres = environment, RIGHT, False, 0.0, None
     counting = given is None and not _whole(k, 1, MOST_OBJECTS)
 
     def estimate(assume_sky=False, count=False):
@@ -239,7 +244,10 @@ def decompose(
                     cold, environment, estimate, counting, look, library, untold | burns
                 )
         if shown != RIGHT:
-            cube = corrected(cube, shown)
+            seen, cube = cube, corrected(cube, shown)
+            if shown.air:
+                metres = distances(cold, estimate(assumed), look, len(library), shown)
+                cube = corrected(seen, shown, metres)
             cold, burns, burning = hot.parted(cube)
             if given is None:
                 environment = estimate(assumed)
@@ -265,7 +273,7 @@ def decompose(
         saturated=beyond, dead=dead, hot=burns,
         gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
         air_m=shown.air.metres if shown.air else 0.0,
-        air_k=shown.air.temperature_k if shown.air else math.nan,
+        air_k=shown.air.temperature_k if shown.air else math.nan, distance_m=metres,
         material_names=library.names, environment=environment.radiance, sky=environment.sky,
         sky_assumed=assumed,
         wavelength_um=stated, hue_deg=library.hue_deg,
@@ -276,7 +284,7 @@ def decompose(
     )  # fmt: skip
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # as in `estimate_environment`
+@no_blas_threads()
 def _calibration_or_sky(cube, environment, estimate, counting, look, library, untold):
     """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
     Environment with it or without, whose objects are counted, if counting, only then."""

@@ -85,7 +85,7 @@ def finetune(
     settings = dict(
         terms=terms, data=data, library=fingerprint(library.wavelength_um, library.emissivity),
         materials=library.names, network=fingerprint(*network.state_dict().values()), epochs=epochs,
-        per_epoch=PER_EPOCH, learning_rate=rate, seed=seed,
+        per_epoch=PER_EPOCH, learning_rate=rate, seed=seed, device=device,
     )  # fmt: skip
     module = Training(network, epochs * PER_EPOCH // TOGETHER, terms, rate)
     before = _measure(module, held_out)
@@ -110,7 +110,8 @@ def calibrated(cube, library, network, device="cpu", progress=None):
     bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
     right = prepared(cube, library).cube
     air = Air.of(d.air_m, d.air_k, right.wavelength_um, right.fwhm_um) if d.air_m else None
-    right = corrected(right, Calibration(d.gain, d.offset_k, bands=bands, air=air))
+    found = Calibration(d.gain, d.offset_k, bands=bands, air=air)
+    right = corrected(right, found, d.distance_m)
     return replace(right, netd_k=d.netd_k), d.sky_assumed
 
 

@@ -25,6 +25,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 
 import physics
 import texnet
+from physics.errors import InputError
 from physics.provenance import provenance
 from physics.threads import cores
 from texnet.learned import check_device
@@ -62,7 +63,9 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
         s.make(progress=lambda n, of: progress and progress(n, of, "scenes"))
     seconds = time.perf_counter() - start
     lightning.seed_everything(seed, verbose=False)
-    settings = dict(scenes=scenes, data=sets[0].folder.name, epochs=epochs, seed=seed)
+    settings = dict(
+        scenes=scenes, data=sets[0].folder.name, epochs=epochs, seed=seed, device=device
+    )  # fmt: skip
     module = Training(TeXNet(), epochs * PER_EPOCH // TOGETHER)
     metrics = fit(
         module, Draws(sets[0], seed, SIDE), Draws(sets[1], VALIDATION_SEED),
@@ -264,6 +267,8 @@ def fit(
             None if validation is None else Loader(validation, range(len(validation))),
             ckpt_path=last if last.exists() else None, weights_only=True,
         )  # fmt: skip
+    except torch.OutOfMemoryError as e:
+        raise InputError("device: the GPU has too little memory; take --device cpu.") from e
     except SystemExit as e:
         if not isinstance(e.__context__, KeyboardInterrupt):
             raise

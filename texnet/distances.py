@@ -1,0 +1,67 @@
+"""How far off each part of a picture is, by the air before it.
+
+Air of one temperature pulls what is seen through it the farther towards its own glow, the more of
+it there is. So once it is found for the whole picture (`air_between`), each patch is looked at
+behind half as much of it, twice as much and so on, and the distance d is taken that is likeliest
+with its neighbours':
+
+    E(d)  =  mean over 3 x 3 patches of -log p(S | d)  +  ln^2(d / d_0) / (2 SPREAD^2)
+
+d_0 being that of the whole. What is as warm as the air looks the same behind any of it, and is
+taken to be as far as usual: there it matters least.
+"""
+
+import math
+
+import numpy as np
+
+from physics.air import Air
+from physics.errors import InputError
+from physics.expected import Expected
+
+from .correction import corrected
+from .glance import PATCH, from_afar
+
+OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
+SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2
+PATCHES = 8000  # at most about so many
+ENOUGH = 20.0  # nats: what is unlikely at one distance has no more to say
+
+
+def distances(cube, environment, look, materials, found):
+    """(height, width) float32 m to what each pixel of a HeatCube shows, as its camera has it.
+
+    environment  Environment without air and what else is wrong
+    look         (Environment, HeatCube, seen, expected, regions, alike) -> maps of its pixels by a
+                 method, as `pipeline` has them;  materials  how many it chooses from
+    found        Calibration with the Air of the whole picture
+    """
+    step = max(PATCH, math.ceil(math.sqrt(cube.radiance[0].size / PATCHES)))
+    afar, alike, every = from_afar(cube, step), {}, np.arange(materials)
+    nats = np.full((len(OCTAVES), *afar.shape), np.inf)
+    for i, metres in enumerate(found.air.metres * 2**OCTAVES):
+        air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
+        try:
+            there = corrected(afar, found._replace(air=air))
+            nats[i] = -look(environment, there, every, None, None, alike)["log_evidence"]
+        except InputError:  # nothing looks like that
+            continue
+    octaves = _likeliest(nats)
+    nearer = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
+    return np.float32(found.air.metres) * 2**nearer
+
+
+def _likeliest(nats):
+    """(h, w) octaves by which patches of nats (octaves, h, w) are nearer or farther than usual."""
+    nats = np.where(np.isfinite(nats), nats, np.inf)
+    least = nats.min(axis=0)
+    nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
+    padded = np.pad(nats, ((0, 0), (1, 1), (1, 1)), mode="edge")
+    rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
+    energy = (rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]) / 9
+    energy += (OCTAVES * math.log(2))[:, None, None] ** 2 / (2 * SPREAD**2)
+    # the lowest of a parabola about the best
+    at = np.clip(energy.argmin(axis=0), 1, len(OCTAVES) - 2)
+    below, here, above = (np.take_along_axis(energy, at[None] + i, 0)[0] for i in (-1, 0, 1))
+    bend = np.maximum(below - 2 * here + above, 1e-9)
+    return OCTAVES[at] + np.clip(0.5 * (below - above) / bend, -1, 1)
