@@ -203,12 +203,6 @@ class HeatCube:
             raise InputError("cube: its NETD is not known; set netd_k or call with_netd().")
         return noise_sigma(self.wavelength_um, self.netd_k)
 
-    @property
-    def brightness_temperature_k(self):
-        """(height, width) brightness temperature averaged over the bands, in K."""
-        bands = zip(self.wavelength_um, scratch.parts(self.radiance), strict=True)
-        return sum(brightness_temperature(w, s) for w, s in bands) / self.bands
-
     def with_netd(self):
         """This cube, with the NETD that its own pixels show where it is not known (`netd`).
 
