@@ -321,7 +321,7 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
     cube = HeatCube(s, w, None, 0.05)
     environment = Environment(radiance(w, np.array([[280.0]])), w, sky=(0,) if sky else ())
 
-    def look(surroundings, part, seen, expected, regions, alike):
+    def look(surroundings, part, seen, alike):
         assert (surroundings.radiance > 0).all()
         brighter = part.radiance[-1, 0, 0] - surroundings.radiance[0, -1]
         gain = (cube.radiance[-1, 0, 0] - environment.radiance[0, -1]) / brighter

@@ -206,7 +206,7 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
     monkeypatch.setattr(glance, "PATCHES", 24 * 36 // step**2)
     answered, there = [], []
 
-    def run(part, seen, expected, _):
+    def run(part, seen, expected=None, regions=None):
         answered.append((part.shape, len(seen)))
         there.append(expected)
         of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
@@ -218,7 +218,7 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
     seen = np.flatnonzero(p.any(axis=(1, 2)))
     assert answered == [(afar, 30), ((24, 36), len(seen))] and len(seen) < 20
     assert there[0] is None and there[1].step == step
-    alone = run(cube, seen, there[1], None)
+    alone = run(cube, seen, there[1])
     np.testing.assert_array_equal(p[seen], alone["material_probability"])
     np.testing.assert_array_equal(maps["material"], seen[alone["material"]])
     np.testing.assert_array_equal(maps["temperature_k"], alone["temperature_k"])
@@ -236,13 +236,13 @@ def test_a_small_picture_is_answered_with_the_whole_library(side, expects):
     """The smallest, and where nobody makes use of it, without a glance."""
     cube = HeatCube(np.full((3, side, side), 7.0), [8.0, 9.0, 10.0], netd_k=0.05)
 
-    def look(part, seen, expected, _):
+    def look(part, seen):
         p = np.zeros((5, *part.shape), np.float32)
         p[1] = 1
         return {"material_probability": p}
 
     shape, seen, expected = glance.answer(
-        lambda part, seen, expected, _: (part.shape, list(seen), expected), look, cube, 5, expects
+        lambda part, seen, expected=None: (part.shape, list(seen), expected), look, cube, 5, expects
     )
     assert shape == (side, side) and seen == [0, 1, 2, 3, 4]
     assert (expected is not None) == (side > 3 and expects)

@@ -74,8 +74,8 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
     RIGHT if nothing is wrong, or too little is there to say so.
 
-    look      (Environment, HeatCube, seen, expected, regions, alike) -> maps of its pixels by a
-              method, as `pipeline` has them
+    look      (Environment, HeatCube, seen, alike=) -> maps of its pixels by a method, as `pipeline`
+              has them
     library   MaterialLibrary of what may be seen
     left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
     in_view   whether the environment's sky, if it has one, is in view, not assumed
@@ -207,7 +207,7 @@ class _Scene(NamedTuple):
 
     def maps(self, environment, part, alike=None):
         seen = np.arange(len(self.library)) if self.seen is None else self.seen
-        return self.look(environment, part, seen, None, None, alike)
+        return self.look(environment, part, seen, alike=alike)
 
     def nats(self, c, alike):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""

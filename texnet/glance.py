@@ -48,9 +48,9 @@ SWEEPS = 3  # of the search for the shares
 def answer(run, look, cube, materials, expects):
     """Maps of a HeatCube by the materials that it holds, as if by all.
 
-    run        (cube, seen, expected, regions) -> dict of maps by the materials of these indices, of
-               which those are Expected and Regions; or None where the picture is too small to
-               be seen from afar, or for anything to be left out
+    run        (cube, seen[, expected, regions]) -> dict of maps by the materials of these indices,
+               of which those are Expected and Regions, if the picture is not too small to be seen
+               from afar, or for anything to be left out
     look       run of the glance, of which material_probability is wanted alone
     materials  how many there are
     expects    whether run makes use of what is expected
@@ -59,13 +59,13 @@ def answer(run, look, cube, materials, expects):
     step = int(math.sqrt(cube.radiance[0].size / PATCHES))
     enough = step >= PATCH
     if max(cube.shape) < 2 * PATCH or not (enough or expects):
-        return run(cube, every, None, None)
+        return run(cube, every)
     step = min(STEP, max(PATCH, step))
-    probability = look(from_afar(cube, step), every, None, None)["material_probability"]
+    probability = look(from_afar(cube, step), every)["material_probability"]
     if cube.dead.any():
         probability = np.where(_all_dead(cube, step), np.nan, probability)
     if not enough:
-        return run(cube, every, Expected(expected(probability), step), None)
+        return run(cube, every, Expected(expected(probability), step))
     seen = materials_seen(probability)
     size = NET_REGION if expects else REGION
     parts = regions(probability[seen], step, cube.shape, size)

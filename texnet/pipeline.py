@@ -347,11 +347,11 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
 
 
 def _by_network(library, model, progress):
-    """look and run: (Environment, HeatCube, seen, expected, regions, alike) -> maps, as `glance`
+    """look and run: (Environment, HeatCube, seen[, expected, regions, alike]) -> maps, as `glance`
     wants them of an environment, without and with progress. The evidence of answers that were
     given the same dict alike can be compared; of all others it cannot."""
 
-    def look(environment, part, seen, expected, regions, alike=None, progress=None):
+    def look(environment, part, seen, expected=None, regions=None, alike=None, progress=None):
         known = only(known_arrays(part, library, environment), seen)
         if alike is not None:
             known["basis"] = alike.setdefault("basis", known["basis"])
@@ -375,10 +375,13 @@ def _cut_off(maps, prior_k, cube):
 
 
 def _exactly(library, smooth, report, lap):
-    """The same of local and sgd; look, which never smooths, reports nothing."""
+    """The same of local and sgd, which have no use for expected and alike; look, which never
+    smooths, reports nothing."""
     from .exact import solve  # numba takes a second to load
 
-    def answer(smooth, report, lap, environment, part, seen, _, regions, alike=None):
+    def answer(
+        smooth, report, lap, environment, part, seen, expected=None, regions=None, alike=None
+    ):  # fmt: skip
         there = library.subset([library.names[i] for i in seen])
         return solve(part, there, environment, regions, smooth, report, lap)
 
