@@ -11,24 +11,32 @@ T, e, V and the environment.
 from .planck import radiance
 
 
-def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um):
-    """Render heat signal and texture from T, e, V and the environment.
+def heat_signal(temperature_k, emissivity, texture, wavelength_um):
+    """S (..., bands), W m-2 sr-1 um-1, of T, e and X.
 
-    temperature_k     (...)         K
-    emissivity        (..., bands)  0..1; soft material weights w (..., materials) enter
-                                    as ``w @ library_emissivity``; at nodes (..., bands, n)
-    thermal_lighting  (..., k)      V >= 0, summing to 1
-    environment       (k, bands)    S_1..S_k, W m-2 sr-1 um-1
-    wavelength_um     (bands,)      um, of narrow bands; or (bands, n) nodes over which a wide
-                                    band's e B(T) is averaged, as `bands.quadrature` makes them
-
-    Returns S and X, each (..., bands), W m-2 sr-1 um-1.
+    temperature_k  (...)         K
+    emissivity     (..., bands)  0..1; soft material weights w (..., materials) enter
+                                 as ``w @ library_emissivity``; at nodes (..., bands, n)
+    texture        (..., bands)  X, W m-2 sr-1 um-1
+    wavelength_um  (bands,)      um, of narrow bands; or (bands, n) nodes over which a wide
+                                 band's e B(T) is averaged, as `bands.quadrature` makes them
     """
-    texture = thermal_lighting @ environment
     if wavelength_um.ndim == 1:
         wavelength_um, emissivity = wavelength_um[:, None], emissivity[..., None]
     glow = (emissivity * radiance(wavelength_um, temperature_k[..., None, None])).mean(-1)
-    return glow + (1 - emissivity.mean(-1)) * texture, texture
+    return glow + (1 - emissivity.mean(-1)) * texture
+
+
+def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um):
+    """S and X, each (..., bands), of T, e, V and the environment.
+
+    thermal_lighting  (..., k)    V >= 0, summing to 1
+    environment       (k, bands)  S_1..S_k, W m-2 sr-1 um-1
+
+    The rest is as in `heat_signal`.
+    """
+    texture = thermal_lighting @ environment
+    return heat_signal(temperature_k, emissivity, texture, wavelength_um), texture
 
 
 def physics_loss(

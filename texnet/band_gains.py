@@ -19,7 +19,7 @@ FIRST times as much as stated, and then, step by step, TIMES as much as what is 
 import numpy as np
 
 from physics.bands import quadrature
-from physics.planck import radiance as planck
+from physics.eq1 import heat_signal
 
 from .correction import DARKEST, Calibration, corrected, corrected_environment
 
@@ -74,8 +74,7 @@ def _more(cube, library, maps):
     texture, measured = maps["texture"][:, pixels].T, cube.radiance[:, pixels].T
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes)[material]
-    glow = (curves * planck(nodes, t[:, None, None])).mean(axis=-1)
-    rendered = glow + (1 - curves.mean(axis=-1)) * texture
+    rendered = heat_signal(t, curves, texture, nodes)
     able = (rendered > DARKEST * measured).all(axis=1)  # not where X went below 0
     material, more = material[able], measured[able] / rendered[able] - 1
     kinds, count = np.unique(material, return_counts=True)
