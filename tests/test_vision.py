@@ -12,7 +12,7 @@ import pytest
 
 import texnet.figures
 from physics.errors import InputError
-from texnet.baselines import baseline_correlations
+from texnet.baselines import baseline_correlations, baseline_pictures
 from texnet.metrics import names_in_view, names_lacking
 from texnet.outputs import write_decomposition
 from texnet.pipeline import Decomposition
@@ -114,7 +114,8 @@ def test_every_file_is_written(tmp_path, with_truth, sky):
     truth = made_up.truth()
     d = made_up.perfect(truth)
     d.sky = sky
-    paths = write_decomposition(d, made_up.cube(truth), truth if with_truth else None, tmp_path)
+    pictures = baseline_pictures(made_up.cube(truth))
+    paths = write_decomposition(d, pictures, truth if with_truth else None, tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in paths.values()} == {
         "decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr"
     }  # fmt: skip
@@ -142,25 +143,26 @@ def test_every_file_is_written(tmp_path, with_truth, sky):
 def test_figures_of_answers_without_sky_or_ground(tmp_path):
     """One material everywhere, a constant texture, infinite sigma: drawn, without warnings."""
     truth = made_up.truth()
-    cube = made_up.cube(truth)
+    pictures = baseline_pictures(made_up.cube(truth))
     for i, name in enumerate(made_up.NAMES):
         d = made_up.perfect(truth)
         d.material = np.full_like(d.material, i)
         d.sky_texture = np.ones_like(d.sky_texture)
         d.temperature_sigma_k = np.full_like(d.temperature_sigma_k, np.inf)
-        write_decomposition(d, cube, truth, tmp_path / name)
+        write_decomposition(d, pictures, truth, tmp_path / name)
         assert (tmp_path / name / "maps.png").stat().st_size > 1000
 
 
 def test_a_failure_leaves_an_older_answer_as_it_was(tmp_path, monkeypatch):
     truth = made_up.truth()
-    d, cube, out = made_up.perfect(truth), made_up.cube(truth), tmp_path / "out"
-    write_decomposition(d, cube, truth, out)
+    d, out = made_up.perfect(truth), tmp_path / "out"
+    pictures = baseline_pictures(made_up.cube(truth))
+    write_decomposition(d, pictures, truth, out)
     before = {p.name: p.read_bytes() for p in out.iterdir()}
     broken = SimpleNamespace(**vars(d) | {"temperature_k": d.temperature_k + 1})
     monkeypatch.setattr(OpenEXR, "File", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
-        write_decomposition(broken, cube, truth, out)
+        write_decomposition(broken, pictures, truth, out)
     assert {p.name: p.read_bytes() for p in out.iterdir()} == before
     assert list(tmp_path.iterdir()) == [out]
 
@@ -169,7 +171,7 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
     truth = made_up.truth()
     (tmp_path / "out").write_text("mine")
     with pytest.raises(InputError, match="it is a file"):
-        write_decomposition(made_up.perfect(truth), made_up.cube(truth), truth, tmp_path / "out")
+        write_decomposition(made_up.perfect(truth), None, truth, tmp_path / "out")
     assert (tmp_path / "out").read_text() == "mine"
 
 
@@ -211,7 +213,8 @@ def test_legends_name_what_is_there_in_one_order(drawn):
     d = made_up.perfect(truth, ("sky", "bark", "water", "grass"))
     d.material[d.material == 1] = 0
     d.material[0, 0] = 1  # a pixel in 2000
-    shown = legend(drawn(texnet.figures.comparison_figure, d, made_up.cube(truth), None))
+    pictures = baseline_pictures(made_up.cube(truth))
+    shown = legend(drawn(texnet.figures.comparison_figure, d, pictures, None))
     assert shown == [n for n in names_in_view(d) if n != "bark"] and len(shown) == 3
     assert legend(drawn(texnet.figures.maps_figure, d, truth)) == [*shown, "bark"]
 
@@ -236,10 +239,10 @@ def test_names_that_the_library_lacks_are_no_errors_of_the_answer(drawn):
 
 def test_a_room_has_no_texture_correlation(drawn):
     truth = made_up.truth()
-    cube, d = made_up.cube(truth), made_up.perfect(truth)
+    d, pictures = made_up.perfect(truth), baseline_pictures(made_up.cube(truth))
     count = lambda t: sum(
         "correlation" in title
-        for title in titles(drawn(texnet.figures.comparison_figure, d, cube, t))
+        for title in titles(drawn(texnet.figures.comparison_figure, d, pictures, t))
     )
     assert count(truth) == 4 and count(None) == 0
     d.sky = ()
@@ -247,4 +250,4 @@ def test_a_room_has_no_texture_correlation(drawn):
     assert maps.count("estimate - truth") == 2 and "largest lighting factor V" in maps
     room = SimpleNamespace(**vars(truth) | {"sky_texture": np.zeros_like(truth.sky_texture)})
     assert count(room) == 0
-    assert np.isnan(list(baseline_correlations(cube, room).values())).all()
+    assert np.isnan(list(baseline_correlations(pictures, room).values())).all()

@@ -69,16 +69,22 @@ def _weighted(cube, weights, mean=None):
     return out
 
 
-def baseline_correlations(cube, truth):
-    """{baseline: magnitude of its correlation with the true sky-lit texture, non-sky}.
+def baseline_pictures(cube):
+    """{baseline: (n, height, width)} of a HeatCube: three components, of the others one picture."""
+    raw = panchromatic(cube)
+    return {
+        "panchromatic": raw[None],
+        "clahe": clahe(raw)[None],
+        "principal_components": principal_components(cube),
+    }
+
+
+def baseline_correlations(pictures, truth):
+    """{baseline: magnitude of its correlation with the true sky-lit texture, non-sky}, of
+    baseline_pictures.
 
     A baseline's sign is arbitrary, so its magnitude counts; of three components the best. NaN
     where the truth has no such texture, as in a room.
     """
-    raw = panchromatic(cube)
     score = lambda picture: abs(texture_correlation(picture, truth))
-    return {
-        "panchromatic": score(raw),
-        "clahe": score(clahe(raw)),
-        "principal_components": max(score(c) for c in principal_components(cube)),
-    }
+    return {name: max(map(score, of)) for name, of in pictures.items()}

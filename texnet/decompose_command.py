@@ -56,6 +56,7 @@ def decompose(args):
             truth.check_cube(cube)
 
         with loading():
+            from .baselines import baseline_pictures
             from .outputs import check_directory, write_decomposition
             from .pipeline import MOST_OBJECTS, decompose
             from .progress import progress_bar
@@ -88,8 +89,9 @@ def decompose(args):
     del run, runner  # and the memory that it keeps for the next tile
     if d.left_out:
         cube = cube.only(np.isin(cube.wavelength_um, d.wavelength_um))
-    metrics = None if truth is None else _metrics(d, cube, truth)
-    paths = write_decomposition(d, cube, truth, args.out, args.compare or truth is not None)
+    pictures = baseline_pictures(cube) if args.compare or truth is not None else None
+    metrics = None if truth is None else _metrics(d, pictures, truth)
+    paths = write_decomposition(d, pictures, truth, args.out)
     result = {
         "command": "decompose", "cube": args.cube, "method": method, "k": len(d.environment),
         **_of_answer(d, cube), "metrics": metrics, "files": paths,
@@ -145,7 +147,7 @@ def _truth(cube_path):
     return Truth.load(path)
 
 
-def _metrics(d, cube, truth):
+def _metrics(d, pictures, truth):
     from .baselines import baseline_correlations
 
     metrics = evaluate(d, truth)
@@ -154,7 +156,7 @@ def _metrics(d, cube, truth):
         of_names = "material_accuracy", "mean_iou", "cross_entropy", "accuracy_answered"
         metrics |= dict.fromkeys(of_names, math.nan)
     return metrics | {
-        "not_in_library": lacking, "baselines": baseline_correlations(cube, truth),
+        "not_in_library": lacking, "baselines": baseline_correlations(pictures, truth),
     }  # fmt: skip
 
 

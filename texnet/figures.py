@@ -13,7 +13,7 @@ from physics.dead_pixels import gaps
 from physics.library import SKY, MaterialLibrary, hues_between
 from physics.whole_file import whole_file
 
-from .baselines import clahe, panchromatic, principal_components
+from .baselines import baseline_correlations
 from .metrics import names_in_view, names_lacking, non_sky, texture_correlation
 from .stretch import stretch
 from .vision import tex_vision
@@ -81,32 +81,31 @@ def _band_mean(cube):
     return sum(scratch.parts(cube)) / len(cube)
 
 
-def comparison_figure(decomposition, cube, truth, path):
-    """Draw raw thermal, CLAHE, principal components and TeX vision side by side into a png.
+def comparison_figure(decomposition, pictures, truth, path):
+    """Draw raw thermal, CLAHE, principal components, which are baseline_pictures of the cube, and
+    TeX vision side by side into a png.
 
     truth  a Truth: the visible picture follows, and over each picture its correlation with
-           the true sky-lit texture, where the scene has one. A baseline's sign is arbitrary, so
-           its magnitude counts, of three components the best; TeX vision's sign is not. None:
-           without
+           the true sky-lit texture, where the scene has one (baseline_correlations; TeX vision's
+           sign counts). None: without
     """
     d, blank = decomposition, gaps(decomposition.dead)
-    raw = panchromatic(cube)
-    equalised = clahe(raw)
-    components = principal_components(cube)
-    as_rgb = np.stack([stretch(c, ~d.dead) for c in components], axis=-1)
-
-    def match(p):
-        return np.nan if truth is None else texture_correlation(p, truth)
-
-    pictures = [  # title, picture, its texture correlation
-        ("thermal, all bands", np.repeat(stretch(raw, ~d.dead)[..., None], 3, -1), abs(match(raw))),
-        ("CLAHE of it", np.repeat(equalised[..., None], 3, -1), abs(match(equalised))),
-        ("3 principal components", as_rgb, max(abs(match(c)) for c in components)),
-        ("TeX vision", tex_vision(d), match(d.sky_texture)),
-    ]
+    (raw,), (equalised,) = pictures["panchromatic"], pictures["clahe"]
+    components = [stretch(c, ~d.dead) for c in pictures["principal_components"]]
+    shown = {  # title, picture
+        "panchromatic": ("thermal, all bands", np.dstack([stretch(raw, ~d.dead)] * 3)),
+        "clahe": ("CLAHE of it", np.dstack([equalised] * 3)),
+        "principal_components": ("3 principal components", np.dstack(components)),
+        "tex_vision": ("TeX vision", tex_vision(d)),
+    }
+    scores = dict.fromkeys(shown, np.nan)
+    if truth is not None:
+        scores = baseline_correlations(pictures, truth)
+        scores["tex_vision"] = texture_correlation(d.sky_texture, truth)
     hues, columns = _hues(d), 2 if truth is None else 3
-    fig, axes = _panels(2, columns, cube.shape, _legend(hues, d), bar=0.1, title=0.5)
-    for ax, (title, picture, r) in zip(axes.flat, pictures, strict=False):
+    fig, axes = _panels(2, columns, blank.shape, _legend(hues, d), bar=0.1, title=0.5)
+    for ax, (name, (title, picture)) in zip(axes.flat, shown.items(), strict=False):
+        r = scores[name]
         _bare(ax, title if np.isnan(r) else f"{title}\ntexture correlation {r:.2f}")
         ax.imshow(np.where(blank[..., None], 0, picture))
     if truth is not None:

@@ -53,11 +53,11 @@ def check_directory(directory, *inputs, names=FILES):
         check_writable(directory)
 
 
-def write_decomposition(decomposition, cube, truth, directory, compare=True):
+def write_decomposition(decomposition, pictures, truth, directory):
     """Write the files of a Decomposition into directory, made if it is not there.
 
-    truth    the cube's Truth or None; with it the figures show it and the errors
-    compare  draw comparison.png, too; needs torch, for CLAHE
+    pictures  baselines.baseline_pictures of the cube, for comparison.png; None: without
+    truth     the cube's Truth or None; with it the figures show it and the errors
 
     Returns {"decomposition": path, "tex_vision": ..., "maps": ..., "comparison": ...,
     "maps_exr": ...}. All files are made in a hidden neighbour first, so that a failure or
@@ -74,13 +74,13 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
             written = beside.submit(_write_numbers, decomposition, made)
             matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
             maps_figure(decomposition, truth, made / "maps.png")
-            if compare:
-                comparison_figure(decomposition, cube, truth, made / "comparison.png")
+            if pictures is not None:
+                comparison_figure(decomposition, pictures, truth, made / "comparison.png")
             written.result()
         directory.mkdir(exist_ok=True)
         for file in made.iterdir():
             os.replace(file, directory / file.name)
-        if not compare:
+        if pictures is None:
             (directory / "comparison.png").unlink(missing_ok=True)  # of an older answer
     paths = {
         "decomposition": directory / "decomposition.npz",
@@ -88,7 +88,9 @@ def write_decomposition(decomposition, cube, truth, directory, compare=True):
         "maps": directory / "maps.png",
         "maps_exr": directory / "maps.exr",
     }
-    return paths | ({"comparison": directory / "comparison.png"} if compare else {})
+    if pictures is not None:
+        paths["comparison"] = directory / "comparison.png"
+    return paths
 
 
 def _write_numbers(d, directory):
