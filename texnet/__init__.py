@@ -29,6 +29,7 @@ cube_io     heat cubes on disk (.exr, .npz)
 cube_import third-party cubes (ENVI, HADAR, TeX-1500, .npy); envi reads ENVI, raw_cube converts
 library_io  third-party libraries (HADAR .mat, ECOSTRESS, ENVI, CSV); mat_file reads .mat
 environment_file  a measured environment, at a cube's bands; text_table reads it, and CSV libraries
+wavelengths  as all these files state them, in um and in ascending order
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
 figures     every map with its truth; TeX vision beside today's pictures

@@ -26,7 +26,8 @@ from physics.library import SKY, MaterialLibrary
 
 from .envi import read_spectra
 from .mat_file import read_mat
-from .text_table import MAX_GAP_UM, ascending, number, read_table, to_um
+from .text_table import MAX_GAP_UM, number, read_table
+from .wavelengths import ascending
 
 DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
 DARK, BRIGHT = 0.5, 0.99  # means of emissivity that not all of a library's solids have
@@ -170,14 +171,13 @@ def _read_mat(path, wavenumbers_cm1, names):
             f"library: {bands} bands from {first:g} to {last:g} cm-1 are no grid; "
             "give two different ends and two or more bands."
         )
-    nu = np.linspace(first, last, bands)
-    w, e, order = ascending(to_um(nu, "cm-1", "library"), e, "library")
+    order, w, moved = ascending(np.linspace(first, last, bands), "cm-1", "library")
     words = [
         f"HADAR .mat, {key} ({AXES[key]}), {materials} materials",
         f"{bands} bands equidistant from {first:g} to {last:g} cm-1 became "
-        f"{w[0]:.4g}-{w[-1]:.4g} um{order}",
+        f"{w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
-    return names, w, e, [f"From {path.name}."] * materials, words
+    return names, w, e[:, order], [f"From {path.name}."] * materials, words
 
 
 def _mat_table(path):
@@ -218,8 +218,7 @@ def _read_envi(path):
             f"library: {path.name} does not say whether it holds emissivity or reflectance; write "
             "y axis title = Emissivity, or Reflectance if it is hemispherical, into its header."
         )
-    w = to_um(spectra.centre, spectra.axis, "library")
-    w, values, order = ascending(w, spectra.values, "library")
+    order, w, moved = ascending(spectra.centre, spectra.axis, "library")
     low, high = TEXT_RANGE_UM
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
@@ -227,7 +226,7 @@ def _read_envi(path):
             f"library: {path.name} covers {w[0]:.4g}-{w[-1]:.4g} um, with no two bands in "
             f"{low:g}-{high:g} um; take another."
         )
-    w, values = w[inside], values[:, inside]
+    w, values = w[inside], spectra.values[:, order[inside]]
     _check_gaps(w, path.name, "take another")
     good = (np.abs(values) < DELETED).all(axis=1)  # not so of a NaN
     if not good.any():
@@ -239,7 +238,7 @@ def _read_envi(path):
     words = [
         f"ENVI spectral library of {spectra.quantity.lower()}"
         + ("" if "emiss" in said else ", emissivity as 1 - hemispherical reflectance"),
-        f"{w.size} bands, {w[0]:.4g}-{w[-1]:.4g} um{order}",
+        f"{w.size} bands, {w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
     left = [name for name, there in zip(spectra.names, good, strict=True) if not there]
     if left:

@@ -22,6 +22,8 @@ from physics.errors import InputError
 from physics.heat_cube import TYPICAL_K, HeatCube, sampling_step
 from physics.planck import brightness_temperature
 
+from .wavelengths import PER_UM, ascending, in_um
+
 UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "W/m2/sr/um": (1.0, False),
     "mW/m2/sr/um": (1e-3, False),
@@ -35,7 +37,6 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "W/cm2/sr/cm-1": (1e4, True),
 }
 OURS = "W/m2/sr/um"
-PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; band centres in cm-1 have no such factor
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
 ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
@@ -100,7 +101,7 @@ def part_of(raw, rows=None, columns=None, range_um=None):
     if range_um is not None:
         good = np.ones(len(raw.centre), bool) if raw.good is None else raw.good
         with np.errstate(divide="ignore"):  # a bad band's centre may be anything
-            w = _in_um(raw.centre, raw.axis)
+            w = in_um(raw.centre, raw.axis)
         wanted = (w >= range_um[0]) & (w <= range_um[1])
         if good.any() and not (wanted & good).any():
             raise InputError(
@@ -125,7 +126,7 @@ def heat_cube(raw, netd_k=None, progress=None):
     bands, height, width = shape = raw.numbers().shape
     if 0 in shape:
         raise InputError(f"cube: it holds no numbers ({bands} x {height} x {width}).")
-    kept, w, said_of_bands = _ascending(raw, bands)
+    kept, w, said_of_bands = _kept_bands(raw, bands)
     jacobian = 1e4 / w**2
     fwhm = None
     if raw.fwhm is None:
@@ -150,7 +151,7 @@ def heat_cube(raw, netd_k=None, progress=None):
     return cube, "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
 
 
-def _ascending(raw, bands):
+def _kept_bands(raw, bands):
     """Indices of the good bands by wavelength, their wavelengths in um, and words on that."""
     wanted = np.ones(bands, bool) if raw.wanted is None else raw.wanted
     good = wanted if raw.good is None else wanted & raw.good
@@ -160,28 +161,19 @@ def _ascending(raw, bands):
     if not np.isfinite(centre).all() or (centre <= 0).any():
         raise InputError(f"cube: band centres must be finite and positive, in {raw.axis}.")
     ends = f"{centre[0]:.6g}-{centre[-1]:.6g} {raw.axis}"
-    w = _in_um(centre, raw.axis)
+    w = in_um(centre, raw.axis)
     low, high = THERMAL_UM
     if w.min() < low or w.max() > high:
         raise InputError(
             f"cube: bands at {ends} leave {low:g}-{high:g} um; they must be in another unit (10 um "
             "is 10000 nm or 1000 cm-1)."
         )
-    order = np.argsort(w)
-    step, w = np.diff(order), w[order]
-    if (np.diff(w) == 0).any():
-        twice = w[1:][np.diff(w) == 0][0]
-        raise InputError(f"cube: the wavelength {twice:g} um is there twice; give each once.")
-    moved = "" if (step == 1).all() else ", order reversed" if (step == -1).all() else ", sorted"
+    order, w, moved = ascending(centre, raw.axis, "cube")
     alike = raw.axis == "um" and not moved
     words = [ends + ("" if alike else f" became {w[0]:.4g}-{w[-1]:.4g} um{moved}")]
     if bad := int(np.count_nonzero(wanted & ~good)):
         words.append(f"{bad} band{'s' * (bad > 1)} left out that the file calls bad")
     return np.flatnonzero(good)[order], w, words
-
-
-def _in_um(centre, axis):
-    return 1e4 / centre if axis == "cm-1" else centre / PER_UM[axis]
 
 
 def _to_our_unit(unit, jacobian):

@@ -11,8 +11,9 @@ import numpy as np
 
 from physics.errors import InputError
 
+from .wavelengths import ascending
+
 AXES = {"wavelength_um": "um", "wavelength_nm": "nm", "wavenumber_cm1": "cm-1"}  # and their units
-WAVENUMBERS_CM1 = (100.0, 10_000.0)  # 100 to 1 um; outside it is no wavenumber in cm-1
 MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
 
 
@@ -52,12 +53,12 @@ def read_table(path, what, column):
             f"{what}: {path} must hold a column per {column} and a row per wavelength."
         )
     table = np.array(values).T
-    w, columns, order = ascending(to_um(table[0], AXES[axis], what), table[1:], what)
+    order, w, moved = ascending(table[0], AXES[axis], what)
     words = [
         f"table with {axis}, {len(names)} {column}s",
-        f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{order}",
+        f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
-    return names, w, columns, words
+    return names, w, table[1:, order], words
 
 
 def _rows(lines):
@@ -81,33 +82,3 @@ def number(text):
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-def to_um(x, unit, what):
-    """Wavelengths in um of x (n,) in um, nm or cm-1. Raises InputError where it is not in cm-1."""
-    if unit != "cm-1":
-        return x / 1e3 if unit == "nm" else x
-    low, high = WAVENUMBERS_CM1
-    if x.min() < low or x.max() > high:
-        raise InputError(
-            f"{what}: wavenumbers {x.min():g}-{x.max():g} leave {low:g}-{high:g} cm-1; "
-            "give them in cm-1 (10 um is 1000 cm-1)."
-        )
-    return 1e4 / x
-
-
-def ascending(w, values, what):
-    """w (n,) and values (columns, n) in ascending order of w, and words on what that took. Raises
-    InputError where one is there twice."""
-    order = np.argsort(w)
-    repeats = w[order][1:] == w[order][:-1]
-    if repeats.any():
-        raise InputError(
-            f"{what}: the wavelength {w[order][1:][repeats][0]:g} um is there twice; "
-            "give each once."
-        )
-    if (np.diff(order) == 1).all():
-        words = ""
-    else:
-        words = ", order reversed" if (np.diff(order) == -1).all() else ", sorted"
-    return w[order], values[:, order], words
