@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .dead_pixels import MOST, lit
+from .dead_pixels import FEW, lit
 from .heat_cube import LEAST_NETD_K, MAX_NETD_K
 from .netd import noise_of_bands, squares_of, usual_noise
 from .planck import noise_sigma
@@ -30,7 +30,7 @@ from .planck import noise_sigma
 NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.2
 OUTERMOST = 0.005  # of the pixels at either end
 LEAST_BANDS, MANY_BANDS = 8, 30
-NO_RADIANCE = f"no radiance in more than {MOST:.0%} of the pixels"
+NO_RADIANCE = f"no radiance in more than {FEW:.0%} of the pixels"
 
 
 def without_bad_bands(cube):

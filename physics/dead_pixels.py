@@ -13,7 +13,7 @@ from . import scratch
 from .errors import InputError
 from .planck import radiance as planck
 
-MOST = 0.05  # of the pixels that hold anything; more are a wrong calibration
+FEW = 0.05  # of the pixels that hold anything may be dead; more are a wrong calibration
 HOTTEST_K = 1e4  # of any pixel; beyond it a detector is dead
 # of a band's median: noise around no light, what then stands for it, and what a pixel that is so
 # shows in another band, at least
@@ -54,7 +54,7 @@ def dead_pixels(radiance, wavelength_um, stated=False):
 
     stated  (height, width) bool: pixels that are known to be dead, however many
 
-    Raises InputError where more than half of the bands are dead, or more than MOST of the pixels
+    Raises InputError where more than half of the bands are dead, or more than FEW of the pixels
     that hold anything, or none holds anything.
     """
     limit = planck(wavelength_um, HOTTEST_K)
@@ -70,25 +70,25 @@ def dead_pixels(radiance, wavelength_um, stated=False):
     for b in np.flatnonzero(suspect):
         bad = _bad(radiance[b], limit[b]) & ~empty
         share[b] = np.count_nonzero(bad) / of
-        if share[b] <= MOST:
+        if share[b] <= FEW:
             dead |= bad
         else:
             misleads |= lit(radiance[b]).any()
         scratch.release(radiance)
     half = float(np.quantile(share, 0.5, method="lower"))
     dead_of_them = np.count_nonzero(dead & ~empty) / of
-    if max(half, dead_of_them) > MOST:
-        b = np.flatnonzero(share if half > MOST else (share > 0) & (share <= MOST))[0]
+    if max(half, dead_of_them) > FEW:
+        b = np.flatnonzero(share if half > FEW else (share > 0) & (share <= FEW))[0]
         row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]
         raise InputError(
             f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero or negative, NaN or "
             f"infinite, or hotter than {HOTTEST_K:.0f} K), the first at {wavelength_um[b]:.5g} um, "
-            f"row {row}, column {column} ({radiance[b, row, column]:.4g}), and at most {MOST:.0%} "
+            f"row {row}, column {column} ({radiance[b, row, column]:.4g}), and at most {FEW:.0%} "
             "may be, but for those that hold nothing in any band; cut edges off, leave bands out, "
             "check interleave, byte order, lines, samples and the calibration, or make what stands "
             "for no measurement NaN (ENVI: data ignore value)."
         )
-    return dead, share > MOST, misleads
+    return dead, share > FEW, misleads
 
 
 def gaps(dead):

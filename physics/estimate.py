@@ -32,7 +32,7 @@ from threadpoolctl import threadpool_limits
 
 from .bands import band_means, quadrature
 from .blas import no_blas_threads
-from .dead_pixels import MOST, lit
+from .dead_pixels import FEW, lit
 from .environment import Environment
 from .errors import InputError
 from .heat_cube import HeatCube
@@ -54,8 +54,9 @@ SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
 # (which changed nothing on 50 scenes of no split)
 UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 8.0, 0.7
 # beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
-# allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out
-OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BANDS = 13.0, 0.65, 8.4, 4
+# allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out if
+# so many lie beyond it
+OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BEYOND = 13.0, 0.65, 8.4, 4
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with one band or two, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, {1: 0.2, 2: 0.26}
@@ -242,7 +243,7 @@ def _row(dead, pick):
 def _not_saturated(radiance, wavelength_um):
     """(n,) bool: which pixels of radiance (n, bands) are not, unless more than a few are."""
     full = saturated(HeatCube(radiance.T[:, None], wavelength_um)).ravel()
-    return ~full if full.mean() <= MOST else np.ones(len(full), bool)
+    return ~full if full.mean() <= FEW else np.ones(len(full), bool)
 
 
 def _sky_clusters(cube, library, spectra, row, seed):
@@ -293,7 +294,7 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
     grey body fits nearly as well as a sky, of opacity (skies, bands)."""
     bands, ends_before = wavelength_um.size, wavelength_um[-1] < OPAQUE_UM
     beyond = wavelength_um > FLANK_UM
-    if ends_before and np.count_nonzero(beyond) >= LEAST_BANDS:
+    if ends_before and np.count_nonzero(beyond) >= LEAST_BEYOND:
         wavelength_um, spectrum = wavelength_um[beyond], spectrum[beyond]
         opacity = opacity[:, beyond]
     t = brightness_temperature(wavelength_um, spectrum)

@@ -24,7 +24,7 @@ EDGE_UM = 0.25  # they reach as near to LOW_UM and HIGH_UM
 # some that were humid and low: wavelengths that were right would have been moved by 0.1 um
 COARSEST_UM, GAP_UM = 0.15, 0.4
 FARTHEST_UM, STEP_UM = 0.45, 0.01  # of the search
-LEAST_UM, LEAST_BANDS = 0.03, 0.25  # what is less changes little
+LEAST_UM, LEAST_SPACINGS = 0.03, 0.25  # a shift less than these changes little
 LIKE_SKY, BETTER = 0.8, 0.9  # misfit over that of a grey body, and over that as stated
 CONTRAST_K = 10.0  # of brightness temperature between bands, of a clear sky at least
 WARMEST_K = 330.0  # of air
@@ -83,7 +83,7 @@ def spectral_shift(cube, library):
     farthest = round(FARTHEST_UM / STEP_UM)
     misfits = [as_sky(STEP_UM * i) for i in range(-farthest, farthest + 1)]
     best, least = int(np.argmin(misfits)) - farthest, min(misfits)
-    if abs(best) == farthest or abs(best) * STEP_UM < max(LEAST_UM, LEAST_BANDS * _spacing(w)):
+    if abs(best) == farthest or abs(best) * STEP_UM < max(LEAST_UM, LEAST_SPACINGS * _spacing(w)):
         return 0.0
     like_sky = least < LIKE_SKY * misfit(radiance(w, air_k) * GREYS)
     return STEP_UM * best if like_sky and least < BETTER * misfits[farthest] else 0.0

@@ -8,7 +8,7 @@ from traced import names_of, one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
 from physics.bad_bands import NO_RADIANCE, without_bad_bands
-from physics.dead_pixels import MOST, gaps, lifted
+from physics.dead_pixels import FEW, gaps, lifted
 from physics.errors import InputError
 from physics.planck import radiance
 from texnet.cli import main
@@ -38,7 +38,7 @@ def with_dead(cube, share):
 def test_each_holds_the_spectrum_of_a_nearest_sound_pixel(data, height, width):
     s = a_cube((height, width))
     index = st.tuples(st.integers(0, 2), st.integers(0, height - 1), st.integers(0, width - 1))
-    spoilt = data.draw(st.dictionaries(index, VALUES, max_size=int(MOST * height * width)))
+    spoilt = data.draw(st.dictionaries(index, VALUES, max_size=int(FEW * height * width)))
     broken, dead = s.copy(), np.zeros((height, width), bool)
     for (band, row, column), value in spoilt.items():
         broken[band, row, column] = value

@@ -27,7 +27,7 @@ FIRST, TIMES = 64.0, (8.0, 4.0)
 HELPS = 0.97  # what a step leaves of the residual, at most, to be followed by another like it
 STEPS = 24  # at most
 FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
-LEAST_PIXELS, LEAST_KINDS = 8, 2  # of a material; of materials
+LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
 MOST = 0.15  # that a logarithm of a gain may be
 
 
@@ -78,5 +78,5 @@ def _more(cube, library, maps):
     able = (rendered > DARKEST * measured).all(axis=1)  # not where X went below 0
     material, more = material[able], measured[able] / rendered[able] - 1
     kinds, count = np.unique(material, return_counts=True)
-    kinds = kinds[count >= LEAST_PIXELS]
+    kinds = kinds[count >= LEAST_OF_KIND]
     return np.array([np.median(more[material == m], axis=0) for m in kinds])

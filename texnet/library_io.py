@@ -34,7 +34,7 @@ DARK, BRIGHT = 0.5, 0.99  # means of emissivity that not all of a library's soli
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
 PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
-AXES = {"matLib": "bands x materials", "emiLib": "materials x bands"}
+LAYOUT = {"matLib": "bands x materials", "emiLib": "materials x bands"}
 KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
 
 
@@ -162,7 +162,7 @@ def _read_mat(path, wavenumbers_cm1, names):
     if len(names) != materials:
         raise InputError(
             f"library: there are {len(names)} names for {materials} materials ({key} is "
-            f"{AXES[key]}, here {table.shape[0]} x {table.shape[1]}); give --names FILE with one "
+            f"{LAYOUT[key]}, here {table.shape[0]} x {table.shape[1]}); give --names FILE with one "
             "name a line for each."
         )
     first, last = wavenumbers_cm1
@@ -173,7 +173,7 @@ def _read_mat(path, wavenumbers_cm1, names):
         )
     order, w, moved = ascending(np.linspace(first, last, bands), "cm-1", "library")
     words = [
-        f"HADAR .mat, {key} ({AXES[key]}), {materials} materials",
+        f"HADAR .mat, {key} ({LAYOUT[key]}), {materials} materials",
         f"{bands} bands equidistant from {first:g} to {last:g} cm-1 became "
         f"{w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
@@ -186,7 +186,7 @@ def _mat_table(path):
         held = read_mat(path)
     except InputError as e:
         raise InputError(f"library: {e}") from e
-    keys = [key for key in AXES if key in held]
+    keys = [key for key in LAYOUT if key in held]
     if len(keys) != 1:
         raise InputError(
             f"library: {path} must hold one of matLib (bands x materials) and emiLib "
