@@ -43,7 +43,7 @@ def distances(cube, environment, look, materials, found):
         air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
         try:
             there = corrected(afar, found._replace(air=air))
-            nats[i] = -look(environment, there, every, None, None, alike)["log_evidence"]
+            nats[i] = -look(environment, there, every, alike=alike)["log_evidence"]
         except InputError:  # nothing looks like that
             continue
     octaves = _likeliest(nats)
