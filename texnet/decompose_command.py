@@ -265,8 +265,8 @@ def _of_bands(gains):
 def _of_air(metres, kelvin):
     if metres:
         yield (
-            f"Air          {metres:.0f} m of {kelvin:.0f} K before the camera, by what fits: all "
-            "is of the cube without that"
+            f"Air          {metres:.0f} m of {kelvin:.0f} K before the camera, by what fits, and "
+            "as much as distance_m says before each pixel: all is of the cube without that"
         )
 
 
