@@ -68,7 +68,7 @@ def draw(rows, axes, path):
                 top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label=today)
                 bottom.plot(at, mean("abstention"), ":", color=colour)
         top.set(yscale="log", ylabel="T error (K)")
-        top.set_title(name, fontsize=10)
+        top.set_title(name, fontsize=9)  # the longest fits
         top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
         top.yaxis.set_minor_formatter(NullFormatter())
