@@ -144,7 +144,7 @@ def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
     ground = names_of(truth) != "sky"
     off = lambda of: np.abs(of.temperature_k - truth.temperature_k)[ground]
-    assert np.median(off(d)) < np.median(off(right)) + 0.06  # 0.2 K and more, if not taken out
+    assert np.median(off(d)) < np.median(off(right)) + 0.04  # 0.2 K and more, if not taken out
     named = lambda of: (names_of(of) == names_of(truth)).mean()
     assert named(d) > named(right) - 0.03  # in the street 0.25
     assert (off(d) < 2 * d.temperature_sigma_k[ground]).mean() > 0.95

@@ -20,6 +20,7 @@ from physics.errors import InputError
 from physics.expected import Expected
 
 from .correction import corrected
+from .doubt import over_nine
 from .glance import PATCH, from_afar
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
@@ -56,9 +57,7 @@ def _likeliest(nats):
     nats = np.where(np.isfinite(nats), nats, np.inf)
     least = nats.min(axis=0)
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
-    padded = np.pad(nats, ((0, 0), (1, 1), (1, 1)), mode="edge")
-    rows = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
-    energy = (rows[..., :-2] + rows[..., 1:-1] + rows[..., 2:]) / 9
+    energy = np.array([over_nine(np.add, np.pad(n, 1, mode="edge")) for n in nats]) / 9
     energy += (OCTAVES * math.log(2))[:, None, None] ** 2 / (2 * SPREAD**2)
     # the lowest of a parabola about the best
     at = np.clip(energy.argmin(axis=0), 1, len(OCTAVES) - 2)
