@@ -168,7 +168,7 @@ def all_methods(networks):
     """{name: method}; networks are paths."""
     methods = {name: by_separation(module) for name, module in SEPARATIONS.items()}
     methods |= {"scipy": by_scipy, "local": by_texnet("local"), "sgd": by_texnet("sgd")}
-    methods["net"] = by_texnet("net", torch_model(False))
+    methods["net"] = by_texnet("net", torch_model())
     methods["net+sgd"] = by_texnet("net+sgd", Runtime(ONNX, THREADS).run)
     for name, steps in STEPS.items():
         methods[name] = by_texnet("net+sgd", torch_model(steps=steps))

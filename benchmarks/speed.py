@@ -114,7 +114,7 @@ def timed(what, pixels, run, repeats=REPEATS):
 
 def methods(cube, library, run):
     """Rows of texnet's methods on the whole frame; run is of the ONNX file."""
-    net = torch_model(refined=False)
+    net = torch_model()
     pixels = cube.shape[0] * cube.shape[1]
     return [
         timed("net+sgd", pixels, lambda: decompose(cube, library, k=K, model=run)),
@@ -128,8 +128,8 @@ def on_gpu(cube, library):
     if not torch.cuda.is_available():
         return []
     pixels, rows, gpu = cube.shape[0] * cube.shape[1], [], {"device": torch.cuda.get_device_name()}
+    model = torch_model(device="cuda")
     for method in ("net+sgd", "net"):
-        model = torch_model(method == "net+sgd", device="cuda")
         of = partial(decompose, cube, library, method=method, k=K, model=model)
         rows.append(timed(f"{method}, GPU", pixels, of))
     rows += [pan_forward(cube, "cuda"), training_draws("cuda")]

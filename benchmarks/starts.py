@@ -47,7 +47,7 @@ def curves(cube, library, rng):
     objective = Objective(model, cube, local)
     known = known_arrays(cube, library, environment)
     clock = time.perf_counter()
-    proposal = torch_model(refined=False)(cube.radiance, known)
+    proposal = torch_model()(cube.radiance, known, refined=False)
     seconds = {"network": time.perf_counter() - clock, "local": local_seconds}
     states = _states(cube, objective, proposal, rng)
     for start in STARTS:

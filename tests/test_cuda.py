@@ -75,10 +75,9 @@ def test_a_traced_cube_has_the_same_answer(method, scene, bands):
     cube, _ = traced_cube(scene, bands)
     library = MaterialLibrary.starter()
     here, there = (
-        decompose(cube, library, method=method,
-                  model=torch_model(method == "net+sgd", device=device))
+        decompose(cube, library, method=method, model=torch_model(device=device))
         for device in ("cpu", "cuda")
-    )  # fmt: skip
+    )
     assert (here.netd_k, here.gain, here.offset_k) == (there.netd_k, there.gain, there.offset_k)
     alike = here.material == there.material
     assert alike.mean() > 0.998

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from traced import names_of, traced
 
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
@@ -14,7 +15,6 @@ from physics.library import MaterialLibrary
 from physics.planck import radiance
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
-from tests.traced import names_of, traced
 from texnet.pipeline import METHODS, decompose
 
 LIBRARY = MaterialLibrary.starter()

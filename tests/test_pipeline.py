@@ -8,8 +8,8 @@ import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 from traced import averaged, names_of, one_thread, traced  # noqa: F401
 
+import texnet.circumstances
 import texnet.exact
-import texnet.pipeline
 from benchmarks import ONNX
 from export.runtime import Runtime
 from physics import Environment, HeatCube, InputError, MaterialLibrary
@@ -161,7 +161,7 @@ def test_a_given_environment_is_used_as_it_is(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("estimated an environment though one was given")
 
-    monkeypatch.setattr(texnet.pipeline, "estimate_environment", never)
+    monkeypatch.setattr(texnet.circumstances, "estimate_environment", never)
     d = decompose(cube, LIBRARY, environment=given, k=7)
     np.testing.assert_array_equal(d.environment, given.radiance)
     assert d.sky == (0,) and len(d.thermal_lighting) == 3
@@ -313,7 +313,9 @@ def test_what_is_no_cube_or_library_is_refused(make_pixels):
         MaterialLibrary.starter().subset("water")
 
 
-@pytest.mark.parametrize("model", [torch_model(), torch_model(False), Runtime(ONNX).run])
+@pytest.mark.parametrize(
+    "model", [torch_model(), functools.partial(torch_model(), refined=False), Runtime(ONNX).run]
+)
 def test_what_is_no_number_is_never_trusted(make_pixels, model):
     """Noise of a billionth of a kelvin overflows what is divided by it."""
     scene = make_pixels(bands=9, shape=(6, 8))

@@ -10,6 +10,7 @@
 What to give `decompose`, and what else an answer holds, their docstrings say. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
+circumstances  what lights a scene and what is wrong with or before the camera, from the cube
 calibration what is wrong with the camera, and how much noise there is, where the scene shows it
 gain_or_offset  a gain or an offset of the camera
 band_gains  gains of its bands among each other

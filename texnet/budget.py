@@ -20,7 +20,8 @@ from physics.estimate import estimate_environment
 from physics.heat_cube import HeatCube
 from physics.prepared import prepared
 
-from .pipeline import USUAL_OBJECTS, decompose
+from .circumstances import USUAL_OBJECTS
+from .pipeline import decompose
 
 ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
 CHART = files("texnet") / "data" / "methods.csv"

@@ -172,7 +172,7 @@ def _runner(method, model, device):
         from .learned import torch_model
         from .weights import load_network
 
-        return torch_model(method == "net+sgd", load_network(model)[0], device=device)
+        return torch_model(load_network(model)[0], device=device)
     if model is not None and method == "net":
         raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
     if model is not None and device != "cpu":
@@ -180,7 +180,7 @@ def _runner(method, model, device):
     if method == "net" or device != "cpu":
         from .learned import torch_model
 
-        return torch_model(method == "net+sgd", device=device)
+        return torch_model(device=device)
     with loading():
         from export.runtime import Runtime
 

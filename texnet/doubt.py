@@ -19,9 +19,10 @@ SURE = 0.7  # likewise where what is wrong was called noise, of which probabilit
 OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
 EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel that says nothing
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
-# and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about
-# as often as their probability says
-LOCAL_TRUST, SGD_TRUST = 2.0, 1.2
+# and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about as
+# often as their probability says; in sgd, whose neighbours share what few bands leave in doubt, no
+# more than so much times n^2 (a limit below four bands)
+LOCAL_TRUST, SGD_TRUST, SGD_TRUST_OF_FEW = 2.0, 1.2, 0.06
 # error of T beyond what the library's other materials say, if the material is wrong: added in
 # quadrature, weighted by the chance of that; a network's probabilities, which hold what `glance`
 # expects, leave out more of it

@@ -23,6 +23,7 @@ from .doubt import (
     OWN_PROBABILITY,
     RIM_NATS,
     SGD_TRUST,
+    SGD_TRUST_OF_FEW,
     fits,
 )
 
@@ -49,7 +50,8 @@ def solve(cube, library, environment, regions, smooth, report, lap):
             objective = Objective(model, cube, local)
             answer = refine(objective, objective.local_state(), report("refine"))
             lap("refine")
-            maps = _maps(cube.radiance, model, local, answer, SGD_TRUST, threads)
+            trust = min(SGD_TRUST * cube.bands**-0.5, SGD_TRUST_OF_FEW * cube.bands**2)
+            maps = _maps(cube.radiance, model, local, answer, trust, threads)
             lap("texture")
             return maps | {"objective": answer.objective}
         maps = _by_tiles(model, cube.radiance, threads, regions, report("local"))
@@ -76,7 +78,7 @@ def _by_tiles(model, radiance, threads, regions=None, progress=None):
         spectra = part.reshape(bands, -1).T
         among = regions and regions.at(*corner)
         local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1, among=among)
-        return _maps(part, model, local, unsmoothed(local), LOCAL_TRUST, 1)
+        return _maps(part, model, local, unsmoothed(local), min(1.0, LOCAL_TRUST * bands**-0.5), 1)
 
     each = BYTES_PER_MATERIAL * len(model.library) + BYTES_PER_BAND * bands
     cuts = regions and regions.cuts
@@ -100,7 +102,6 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
 
 def _maps(radiance, model, local, answer, trust, threads):
     state, bands, library = answer.state, len(radiance), model.library
-    trust = min(1.0, trust * bands**-0.5)
     probability = answer.probability**trust
     probability /= probability.sum(axis=1, keepdims=True)
     spectra = radiance.reshape(bands, -1).T

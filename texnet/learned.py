@@ -2,7 +2,7 @@
 
 from contextlib import contextmanager
 from copy import deepcopy
-from functools import cache
+from functools import cache, partial
 from importlib.resources import as_file, files
 from queue import SimpleQueue
 from threading import Lock
@@ -23,25 +23,26 @@ ON_GPU = 2  # tiles at once: a GPU has less to do than there is to tell it
 _ONE_RUN = Lock()
 
 
-def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
-    """run(radiance, known, progress, expected, regions) -> dict of TeX's maps as numpy arrays.
+def torch_model(network=None, *, steps=STEPS, device="cpu"):
+    """run(radiance, known, progress, expected, regions, refined) -> dict of TeX's maps, in numpy.
 
-    refined   net+sgd, of so many steps; else net.  network   a TeXNet; the shipped one if None
-    device    "cpu" or "cuda", where it is computed
+    network   a TeXNet; the shipped one if None.  device    "cpu" or "cuda", where it is computed
     radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
     expected  physics.expected.Expected of the materials, or None
     regions   physics.expected.Regions of the picture, or None: all materials everywhere
+    refined   True: net+sgd, of so many steps; False: net, the network's proposal as it is
     """
     check_device(device)
     network, gpu = network or shipped_network(), device == "cuda"
     # the same one in all threads
     there = torch.device("cuda", torch.cuda.current_device()) if gpu else torch.device("cpu")
-    model = TeXModel(deepcopy(network).to(there), steps if refined else 0)
+    network = deepcopy(network).to(there)
+    models = {refined: TeXModel(network, steps if refined else 0) for refined in (True, False)}
     streams = SimpleQueue()
     for _ in range(ON_GPU if gpu else 0):
         streams.put(torch.cuda.Stream(there))
 
-    def answer(*inputs):
+    def answer(model, *inputs):
         known, tile, log_expected, inner = inputs
         tile, log_expected = (torch.from_numpy(a).to(there) for a in (tile, log_expected))
         tex = model(Known.of(known, there), tile, log_expected, torch.from_numpy(inner))
@@ -57,7 +58,8 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
         finally:
             streams.put(stream)
 
-    def run(radiance, known, progress=None, expected=None, regions=None):
+    def run(radiance, known, progress=None, expected=None, regions=None, refined=True):
+        of_tile = partial(answer_beside_others if gpu else answer, models[refined])
         with _ONE_RUN, _exact():  # torch's threads and precision are those of the process
             threads = torch.get_num_threads()
             at_once = ON_GPU if gpu else min(threads, MOST_AT_ONCE)
@@ -67,7 +69,7 @@ def torch_model(refined=True, network=None, *, steps=STEPS, device="cpu"):
             torch.set_num_threads(max(1, threads // at_once))  # many on one tile waste more
             try:
                 return by_tiles(
-                    answer_beside_others if gpu else answer, radiance, known, expected, regions,
+                    of_tile, radiance, known, expected, regions,
                     halo=network.halo, cell=network.config["stride"], tile_bytes=tile_bytes,
                     at_once=at_once, progress=progress,
                 )  # fmt: skip

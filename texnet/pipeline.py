@@ -1,11 +1,8 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
-are those that the sky's ozone shows, if others than stated. Then come the environment from the
-cube, a sky that is not in view, if nothing else explains the pixels, the camera's gains or offset
-or the air before it, if these show them, or more noise, if nothing fits (`calibration`; not for
-net), how much of that air is before each pixel (`distances`), a glance from afar at what materials
-there are and where, and then
+First come the circumstances: bands, noise, the environment, and what is wrong with or before the
+camera, which is corrected (`circumstances`). Then a glance from afar at what materials there are
+and where (`glance`), and then
 
 net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
@@ -16,29 +13,23 @@ Pixels that are far hotter than the rest are taken out before, and solved apart 
 
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from physics import hot, scratch
-from physics.blas import no_blas_threads
 from physics.environment import Environment
 from physics.errors import InputError
-from physics.estimate import completed, estimate_environment
 from physics.expected import only
 from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import MAX_T, known_arrays
 from physics.library import MaterialLibrary
 from physics.planck import brightness_temperature
-from physics.prepared import prepared
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
-from physics.saturation import saturated
 
 from . import glance
-from .calibration import calibration, of_given, under_a_sky
-from .correction import RIGHT, corrected
-from .distances import distances
+from .circumstances import circumstances
 from .doubt import (
     doubt_k,
     sigma_among_neighbours,
@@ -49,7 +40,7 @@ from .doubt import (
 from .progress import compiling
 
 METHODS = ("local", "sgd", "net", "net+sgd")
-USUAL_OBJECTS, MOST_OBJECTS = 5, 10
+MOST_OBJECTS = 10  # of the environment
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
 
@@ -168,15 +159,15 @@ def decompose(
     environment  take this one instead (k is its own, but where all of it is sky: the other objects
                  are found then, 5 in all, 2 at least), at the cube's bands, as this camera shows
                  it: it moves with the wavelengths, and no gain, offset or air is looked for, but
-                 whether it is kelvins off (not for net); if that is known, say so:
+                 whether it is kelvins off; if that is known, say so:
                  environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows (`calibration`):
                  temperature_sigma_k holds it if stated
-    model        run(radiance, known, progress, expected, regions) -> maps: for net+sgd such as
-                 export.Runtime(FILE).run, for net learned.torch_model(False, network); the
-                 shipped weights in torch if None
+    model        run(radiance, known, progress, expected, regions) -> maps by net+sgd, such as
+                 export.Runtime(FILE).run; net needs one that takes refined=False, too, as
+                 learned.torch_model(network) does; the shipped weights in torch if None
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
@@ -192,125 +183,68 @@ def decompose(
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
-    if environment is not None:
-        environment.check_bands(cube.wavelength_um)
-    whole = cube.wavelength_um
-    cube, left_out, shift, stated, camera_k = prepared(cube, library)
-    floor = cube.netd_k / camera_k
-    dead, beyond = cube.dead, saturated(cube)
-    if environment is not None:
-        environment = environment.only(np.isin(whole, stated))
-        environment = replace(environment, wavelength_um=cube.wavelength_um)
-        environment.check(cube)
-        environment = completed(environment, cube, library, USUAL_OBJECTS, seed)
-    lap("bands")
-    untold = dead | beyond
-    cold, burns, burning = hot.parted(cube)
-    given, shown, assumed, error_k, metres = environment, RIGHT, False, 0.0, None
-    counting = given is None and not _whole(k, 1, MOST_OBJECTS)
-
-    def estimate(assume_sky=False, count=False):
-        nonlocal objects
-        if count:
-            from physics.support import supported_count  # numba takes a second to load
-
-            with compiling(progress):
-                objects = supported_count(cube, library, seed, assume_sky)
-        return estimate_environment(cube, library, objects, seed, assume_sky)
-
-    objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
-    environment = environment or estimate()
-    if counting and (environment.sky or method == "net"):
-        counting = False
-        if k == "auto" or not environment.sky:
-            environment = estimate(count=True)
-    lap("environment")
     nets = method.startswith("net")
     if nets and model is None:
         from .learned import torch_model  # torch takes a second to load
 
-        model = torch_model(method == "net+sgd")
+        model = torch_model()
     if nets:
-        look, run = _by_network(library, model, report("network"))
+        look, run = by_network(library, model, method == "net+sgd", report("network"))
     else:
         look, run = _exactly(library, method == "sgd", report, lap)
-    if method != "net":
-        with compiling(None if nets else progress):
-            if given is not None:
-                shown, error_k = of_given(cold, environment, look, library, untold | burns)
-                environment = environment.off_by(error_k) if error_k else environment
-            else:
-                shown, assumed, environment = _calibration_or_sky(
-                    cold, environment, estimate, counting, look, library, untold | burns
-                )
-        if shown != RIGHT:
-            seen, cube = cube, corrected(cube, shown)
-            if shown.air:
-                metres = distances(cold, estimate(assumed), look, len(library), shown)
-                cube = corrected(seen, shown, metres)
-            cold, burns, burning = hot.parted(cube)
-            if given is None:
-                environment = estimate(assumed)
-        lap("calibration")
     with compiling(None if nets else progress):
+        of = circumstances(
+            cube, library, look,
+            k=k, environment=environment, seed=seed, lap=lap, progress=progress,
+        )  # fmt: skip
+        cold, burns, burning = hot.parted(of.cube)
         maps = glance.answer(
-            partial(run, environment), partial(look, environment), cold, len(library), expects=nets
-        )
+            partial(run, of.environment), partial(look, of.environment), cold, len(library),
+            expects=nets,
+        )  # fmt: skip
     if nets:
         lap("network")
     if burns.any():
         from .exact import solve_hot  # numba takes a second to load
 
         with compiling(progress):
-            of_hot = solve_hot(cold, burning, library, environment)
+            of_hot = solve_hot(cold, burning, library, of.environment)
         for name, a in of_hot.items():
             maps[name][..., burns] = a
             scratch.release(maps[name])
         lap("hot")
-    maps = _doubted(maps, library, cube, shown, calibration_error_k, untold)
+    maps = _doubted(maps, library, of, calibration_error_k)
+    ready, found, air = of.ready, of.found, of.found.air
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
-        saturated=beyond, dead=dead, hot=burns,
-        gain=shown.gain, band_gains=shown.of_bands(cube.bands), offset_k=shown.offset_k,
-        air_m=shown.air.metres if shown.air else 0.0,
-        air_k=shown.air.temperature_k if shown.air else math.nan, distance_m=metres,
-        material_names=library.names, environment=environment.radiance, sky=environment.sky,
-        sky_assumed=assumed,
-        wavelength_um=stated, hue_deg=library.hue_deg,
-        netd_k=cube.netd_k, noise_raised=floor * shown.noise,
-        spectral_shift_um=shift, calibration_error_k=float(calibration_error_k),
-        environment_error_k=error_k, left_out=left_out,
+        saturated=of.saturated, dead=ready.cube.dead, hot=burns,
+        gain=found.gain, band_gains=found.of_bands(of.cube.bands), offset_k=found.offset_k,
+        air_m=air.metres if air else 0.0, air_k=air.temperature_k if air else math.nan,
+        distance_m=of.distance_m,
+        material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
+        sky_assumed=of.sky_assumed,
+        wavelength_um=ready.stated_um, hue_deg=library.hue_deg,
+        netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_k,
+        spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
+        environment_error_k=of.environment_error_k, left_out=ready.left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
 
 
-@no_blas_threads()
-def _calibration_or_sky(cube, environment, estimate, counting, look, library, untold):
-    """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
-    Environment with it or without, whose objects are counted, if counting, only then."""
-    of = partial(calibration, cube, look=look, library=library, left_out=untold)
-    shown, assumed = of(environment), False
-    if not environment.sky and (under := estimate(True)).sky:
-        assumed = under_a_sky(cube, environment, shown, under, look, library, untold)
-    if assumed or counting:
-        environment = estimate(assumed, counting)
-        shown = of(environment, in_view=False)
-    return shown, assumed, environment
-
-
-def _doubted(maps, library, cube, shown, calibration_error_k, untold):
-    """maps by a method, with what edges, the calibration, as stated and as shown, and pixels that
-    tell nothing add to sigma and unknown."""
+def _doubted(maps, library, of, calibration_error_k):
+    """maps by a method, with what edges, the calibration, as stated and as found in the
+    Circumstances, and pixels that tell nothing add to sigma and unknown."""
+    cube, found = of.cube, of.found
     sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
     sigma = sigma_among_neighbours(sigma, t, maps["material"])
     sigma = with_level_error(sigma, maps, library, cube)
-    doubt = float(np.hypot(calibration_error_k, doubt_k(shown, cube)))
+    doubt = float(np.hypot(calibration_error_k, doubt_k(found, cube)))
     if doubt:
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, doubt)
-    sigma[untold] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
-    unknown = maps["unknown"] | untold
-    if shown.noise > 1:
-        unknown |= unsure(maps, shown.noise, shown.misfit, cube.bands)
+    sigma[of.untold] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
+    unknown = maps["unknown"] | of.untold
+    if found.noise > 1:
+        unknown |= unsure(maps, found.noise, found.misfit, cube.bands)
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 
 
@@ -346,19 +280,22 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
         )
 
 
-def _by_network(library, model, progress):
+def by_network(library, model, refined=True, progress=None):
     """look and run: (Environment, HeatCube, seen[, expected, regions, alike]) -> maps, as `glance`
-    wants them of an environment, without and with progress. The evidence of answers that were
-    given the same dict alike can be compared; of all others it cannot."""
+    wants them of an environment: by net+sgd; and, refined or not, with progress. The evidence of
+    answers that were given the same dict alike can be compared; of all others it cannot."""
 
-    def look(environment, part, seen, expected=None, regions=None, alike=None, progress=None):
+    def answer(
+        model, progress, environment, part, seen, expected=None, regions=None, alike=None
+    ):  # fmt: skip
         known = only(known_arrays(part, library, environment), seen)
         if alike is not None:
             known["basis"] = alike.setdefault("basis", known["basis"])
         maps = model(part.radiance, known, progress, expected, regions)
         return maps | {"temperature_sigma_k": _cut_off(maps, known["prior_k"], part)}
 
-    return look, partial(look, progress=progress)
+    of_run = model if refined else partial(model, refined=False)
+    return partial(answer, model, None), partial(answer, of_run, progress)
 
 
 def _cut_off(maps, prior_k, cube):

@@ -11,7 +11,6 @@ from torch.utils.data import Dataset
 from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
-from physics.prepared import prepared
 
 from .samples import OBJECTS, Sample, features
 
@@ -19,8 +18,9 @@ TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
 class Crops(Dataset):
-    """Draw number i of HeatCubes, each in its turn: an unlabelled Sample and its Stem, of
-    at most side x side pixels. Where assume_sky says so of a cube, a usual sky is assumed.
+    """Draw number i of HeatCubes, prepared (`physics.prepared`), each in its turn: an unlabelled
+    Sample and its Stem, of at most side x side pixels. Where assume_sky says so of a cube, a usual
+    sky is assumed.
 
     The Sample has `known` and `radiance`; the rest, truth and a glance, is None. Raises InputError
     where the library does not cover a cube's bands.
@@ -29,7 +29,6 @@ class Crops(Dataset):
     def __init__(self, cubes, assume_sky, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
         for cube, assume in zip(cubes, assume_sky, strict=True):
-            cube = prepared(cube, library).cube
             most = min(OBJECTS[1], cube.measured_count)
             known = []
             for k in range(OBJECTS[0], most + 1):

@@ -11,20 +11,17 @@ Zero-shot is neither: the network takes any library as it is.
 import copy
 import json
 import time
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from physics.air import Air
-from physics.prepared import prepared
 from physics.provenance import fingerprint
-from texnet.correction import Calibration, corrected
+from texnet.circumstances import circumstances
 from texnet.learned import check_device, torch_model
 from texnet.library_io import with_sky
-from texnet.pipeline import decompose
+from texnet.pipeline import by_network
 
 from .crops import Crops
 from .reshade import ReshadedSet
@@ -66,7 +63,7 @@ def finetune(
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         whole = with_sky(library)
         data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
-        taken = [calibrated(cube, whole, network, device, progress) for cube in cubes]
+        taken = [calibrated(cube, whole, network, device) for cube in cubes]
         draws = Crops(*zip(*taken, strict=True), whole, seed, SIDE)
         held_out = copy.copy(draws)  # other crops of the same cubes
         held_out.seed = VALIDATION_SEED
@@ -102,17 +99,12 @@ def finetune(
     return network.cpu().eval(), history
 
 
-def calibrated(cube, library, network, device="cpu", progress=None):
+def calibrated(cube, library, network, device="cpu"):
     """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet, and
     whether that assumes a sky. Raises InputError as that does."""
-    model, k = torch_model(network=network, device=device), min(K, cube.measured_count)
-    d = decompose(cube, library, k=k, model=model, progress=progress)
-    bands = tuple(d.band_gains.tolist()) if np.ptp(d.band_gains) else ()
-    right = prepared(cube, library).cube
-    air = Air.of(d.air_m, d.air_k, right.wavelength_um, right.fwhm_um) if d.air_m else None
-    found = Calibration(d.gain, d.offset_k, bands=bands, air=air)
-    right = corrected(right, found, d.distance_m)
-    return replace(right, netd_k=d.netd_k), d.sky_assumed
+    look, _ = by_network(library, torch_model(network, device=device))
+    of = circumstances(cube, library, look, k=min(K, cube.measured_count))
+    return of.cube, of.sky_assumed
 
 
 def _measure(module, draws):

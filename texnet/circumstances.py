@@ -1,0 +1,130 @@
+"""The circumstances of a cube, found before any of its pixels is answered: what lights the scene,
+and what is wrong with or before the camera.
+
+Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
+are those that the sky's ozone shows, if others than stated (`physics.prepared`). Then come the
+environment, from the cube; a sky that is not in view, if nothing else explains the pixels, and the
+camera's gains or offset or the air before it, if these show them, or more noise, if nothing fits
+(`calibration`); how much of that air is before each pixel (`distances`); and the environment again,
+from the cube as a right camera would have shown it.
+"""
+
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from physics import hot
+from physics.blas import no_blas_threads
+from physics.environment import Environment
+from physics.estimate import completed, estimate_environment
+from physics.heat_cube import HeatCube
+from physics.prepared import Prepared, prepared
+from physics.saturation import saturated
+
+from .calibration import calibration, of_given, under_a_sky
+from .correction import RIGHT, Calibration, corrected
+from .distances import distances
+from .progress import compiling
+
+USUAL_OBJECTS = 5  # of the environment, where the sky is in view
+
+
+class Circumstances(NamedTuple):
+    """ready                Prepared, before anything was corrected
+    untold               (height, width) bool: its pixels that say nothing, being dead or saturated
+    saturated            those that are
+    cube                 HeatCube that a right camera would have shown, with no air before it
+    environment          Environment of that;  sky_assumed: True where its sky is not in view
+    environment_error_k  K by which one that was given is likely off, as is allowed for here
+    found                Calibration by which cube was corrected
+    distance_m           (height, width) m of its Air before each pixel; None without
+    """
+
+    ready: Prepared
+    untold: np.ndarray
+    saturated: np.ndarray
+    cube: HeatCube
+    environment: Environment
+    sky_assumed: bool
+    environment_error_k: float
+    found: Calibration
+    distance_m: np.ndarray | None
+
+
+def circumstances(
+    cube, library, look, *, k=None, environment=None, seed=0, lap=None, progress=None
+):  # fmt: skip
+    """The Circumstances of a HeatCube for a MaterialLibrary.
+
+    look         (Environment, HeatCube, seen[, alike]) -> maps of its pixels by a method, as
+                 `pipeline` has them
+    k, environment, seed, progress  as `pipeline.decompose` takes them
+    lap          lap(stage) is called after each stage
+
+    Raises InputError where the library does not cover the bands, or the environment is of others.
+    """
+    lap = lap or (lambda stage: None)
+    if environment is not None:
+        environment.check_bands(cube.wavelength_um)
+    ready, given = prepared(cube, library), environment
+    if given is not None:
+        given = given.only(np.isin(cube.wavelength_um, ready.stated_um))
+        given = replace(given, wavelength_um=ready.cube.wavelength_um)
+        given.check(ready.cube)
+        given = completed(given, ready.cube, library, USUAL_OBJECTS, seed)
+    cube, beyond = ready.cube, saturated(ready.cube)
+    lap("bands")
+    cold, burns, _ = hot.parted(cube)
+    untold = cube.dead | beyond
+    left_out = untold | burns
+    counting = given is None and k in (None, "auto")
+    objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
+
+    def estimate(cube, assume_sky=False, count=False):
+        nonlocal objects
+        if count:
+            from physics.support import supported_count  # numba takes a second to load
+
+            with compiling(progress):
+                objects = supported_count(cube, library, seed, assume_sky)
+        return estimate_environment(cube, library, objects, seed, assume_sky)
+
+    environment = estimate(cube) if given is None else given
+    if counting and environment.sky:
+        counting = False
+        if k == "auto":
+            environment = estimate(cube, count=True)
+    lap("environment")
+    found, assumed, error_k, metres = RIGHT, False, 0.0, None
+    if given is not None:
+        found, error_k = of_given(cold, given, look, library, left_out)
+        environment = given.off_by(error_k) if error_k else given
+    else:
+        found, assumed, environment = _calibration_or_sky(
+            cold, environment, partial(estimate, cube), counting, look, library, left_out
+        )
+    if found.air:
+        through = estimate(corrected(cube, found), assumed)
+        metres = distances(cold, through, look, len(library), found)
+    if found != RIGHT:
+        cube = corrected(cube, found, metres)
+        if given is None:
+            environment = estimate(cube, assumed)
+    lap("calibration")
+    return Circumstances(ready, untold, beyond, cube, environment, assumed, error_k, found, metres)
+
+
+@no_blas_threads()
+def _calibration_or_sky(cube, environment, estimate, counting, look, library, left_out):
+    """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
+    Environment with it or without, whose objects are counted, if counting, only then."""
+    of = partial(calibration, cube, look=look, library=library, left_out=left_out)
+    shown, assumed = of(environment), False
+    if not environment.sky and (under := estimate(assume_sky=True)).sky:
+        assumed = under_a_sky(cube, environment, shown, under, look, library, left_out)
+    if assumed or counting:
+        environment = estimate(assumed, counting)
+        shown = of(environment, in_view=False)
+    return shown, assumed, environment
