@@ -21,10 +21,10 @@ import torch
 from matplotlib.figure import Figure
 
 from benchmarks.rows import write_csv
-from physics.whole_file import whole_file
+from physics.machinery.whole_file import whole_file
+from texnet.files.weights import save_network
 from texnet.network import TeXNet
 from texnet.progress import progress_bar
-from texnet.weights import save_network
 from training import train
 from training.scenes import SceneSet
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks.colours import BLUE, GREEN, ORANGE, VERMILLION
-from physics.whole_file import whole_file
+from physics.machinery.whole_file import whole_file
 from texnet.pipeline import METHODS
 
 STYLE = {

@@ -22,7 +22,7 @@ from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.filters import HIGH_UM, LOW_UM, NETD_K, design_filters
 from physics.library import MaterialLibrary
-from physics.whole_file import whole_file
+from physics.machinery.whole_file import whole_file
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import decompose
 

@@ -50,16 +50,16 @@ from export.runtime import Runtime
 from physics.bands import equidistant_bands, quadrature
 from physics.errors import InputError
 from physics.estimate import estimate_environment
+from physics.exact.reduced import reduce_model
 from physics.library import MaterialLibrary
-from physics.reduced import reduce_model
+from physics.machinery.whole_file import whole_file
 from physics.simulator.sensor import Bands
 from physics.sky import sky_radiance
-from physics.whole_file import whole_file
 from texnet.budget import ERRORS
+from texnet.files.weights import load_network
 from texnet.learned import torch_model
 from texnet.metrics import correlation, evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
-from texnet.weights import load_network
 
 BANDS, THREADS = (4, 18, 54), min(2, numba.config.NUMBA_NUM_THREADS)
 RANDOM_SCENES, PRESETS = 5, ("forest",)

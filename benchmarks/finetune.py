@@ -39,16 +39,16 @@ from physics.estimate import estimate_environment
 from physics.evidence import Known
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
-from physics.provenance import fingerprint
+from physics.machinery.provenance import fingerprint
+from physics.machinery.whole_file import whole_file
 from physics.refinement import STEPS
 from physics.starter import AIR, Recipe
-from physics.whole_file import whole_file
 from texnet.cli import MODEL
+from texnet.files.weights import load_network, save_network
 from texnet.metrics import evaluate
 from texnet.model import TeXModel
 from texnet.network import TeXNet
 from texnet.progress import progress_bar
-from texnet.weights import load_network, save_network
 from training import finetune as recipe
 from training import train
 from training.reshade import ReshadedSet

@@ -31,11 +31,11 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from physics import MaterialLibrary
+from physics.machinery.whole_file import whole_file
 from physics.planck import radiance
 from physics.simulator import geometry, simulate
 from physics.simulator.presets import preset
 from physics.sky import sky_radiance
-from physics.whole_file import whole_file
 
 WAVELENGTH_UM = np.array([8.6, 9.6, 12.0])  # quartz, ozone, water vapour
 PRESET = "patterned"

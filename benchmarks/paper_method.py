@@ -18,11 +18,11 @@ import numpy as np
 from sklearn.cluster import KMeans
 
 from physics.environment import Environment
+from physics.exact.local import solve_local
+from physics.exact.reduced import groups, reduce_model
+from physics.exact.semiglobal import Objective, refine, unsmoothed
 from physics.library import SKY
-from physics.local import solve_local
 from physics.prior import V_PRECISION
-from physics.reduced import groups, reduce_model
-from physics.semiglobal import Objective, refine, unsmoothed
 from texnet.pipeline import Decomposition
 
 # of the solvers' priors: so little that it matters only where nothing else says anything

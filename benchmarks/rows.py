@@ -8,8 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from benchmarks import ONNX, SHIPPED
-from physics.provenance import provenance
-from physics.whole_file import whole_file
+from physics.machinery.provenance import provenance
+from physics.machinery.whole_file import whole_file
 
 _ROOT = Path(__file__).parents[1]
 CODE = [_ROOT / name for name in ("physics", "texnet", "training", "export", "benchmarks")]

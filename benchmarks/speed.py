@@ -48,16 +48,16 @@ from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
+from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
-from physics.heat_cube import HeatCube
+from physics.exact.local import solve_local
+from physics.exact.reduced import reduce_model
 from physics.library import MaterialLibrary
-from physics.local import solve_local
-from physics.reduced import reduce_model
+from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands
 from physics.simulator.traced import trace_on_demand
-from physics.whole_file import whole_file
 from texnet.learned import torch_model
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
@@ -321,7 +321,7 @@ def commands(traced, library, large):
     rows = [_command("texnet --help", ["--help"])]
     sizes = [(256, 256), FRAME, *([LARGE] if large else [])]
     with tempfile.TemporaryDirectory() as folder:
-        from texnet.cube_io import write_cube
+        from texnet.files.cube_io import write_cube
 
         for size in sizes:
             cube = frame(traced, library, size=size)

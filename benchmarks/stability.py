@@ -40,9 +40,9 @@ from benchmarks.atlas import draw, faults, page
 from benchmarks.rows import read_csv, settings, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
+from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
 from physics.estimate import estimate_environment
-from physics.heat_cube import HeatCube
 from physics.identifiability import cramer_rao
 from physics.library import MaterialLibrary
 from physics.planck import brightness_temperature, noise_sigma, radiance, radiance_derivative

@@ -2,8 +2,8 @@
 
     python -m benchmarks.starts --out DIR
 
-The semi-global objective (`physics.semiglobal`, nats per pixel) of path-traced test scenes, 54
-bands, 50 mK, environment estimated, k = 5, is lowered by its own refinement from
+The semi-global objective (`physics.exact.semiglobal`, nats per pixel) of path-traced test scenes,
+54 bands, 50 mK, environment estimated, k = 5, is lowered by its own refinement from
 
     network    T, m and V that TeXNet proposes
     local      every pixel's own best
@@ -25,13 +25,13 @@ from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
+from physics.exact.local import solve_local
+from physics.exact.reduced import reduce_model
+from physics.exact.semiglobal import Objective, refine
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
-from physics.local import solve_local
+from physics.machinery.whole_file import whole_file
 from physics.planck import brightness_temperature
-from physics.reduced import reduce_model
-from physics.semiglobal import Objective, refine
-from physics.whole_file import whole_file
 from texnet.learned import torch_model
 
 STARTS = ("network", "local", "constant", "random")

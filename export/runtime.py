@@ -9,10 +9,10 @@ import json
 import numpy as np
 import onnxruntime
 
-from physics.by_tiles import by_tiles
 from physics.errors import InputError
-from physics.threads import cores
-from physics.tiles import MOST_AT_ONCE, TILE_BYTES
+from physics.machinery.by_tiles import by_tiles
+from physics.machinery.threads import cores
+from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 
 OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"

@@ -21,7 +21,7 @@ import torch
 from physics.evidence import Known
 from physics.known import MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from physics.library import MaterialLibrary
-from physics.whole_file import check_writable, whole_file
+from physics.machinery.whole_file import check_writable, whole_file
 from texnet.model import HYPOTHESES, TeX, TeXModel
 
 OPSET = 23
@@ -73,7 +73,7 @@ EXAMPLE = dict(
 def export_onnx(network, history, path):
     """Write a TeXNet as an ONNX file.
 
-    history  dict of plain values, as `texnet.weights.load_network` gives it
+    history  dict of plain values, as `texnet.files.weights.load_network` gives it
 
     Takes a few minutes. Raises InputError if path cannot be written.
     """

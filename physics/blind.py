@@ -31,15 +31,15 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.cluster import KMeans
 
+from .cube.heat_cube import HeatCube
+from .cube.prepared import prepared
 from .environment import Environment
 from .errors import InputError
 from .estimate import Sample
-from .heat_cube import HeatCube
+from .exact.local import solve_given, solve_local
+from .exact.reduced import reduce_model
 from .library import SKY, MaterialLibrary
-from .local import solve_given, solve_local
 from .planck import brightness_temperature, noise_sigma, radiance
-from .prepared import prepared
-from .reduced import reduce_model
 
 MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials

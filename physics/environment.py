@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .dead_pixels import HOTTEST_K
+from .cube.dead_pixels import HOTTEST_K
+from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
-from .heat_cube import check_wavelength, numbers
 from .planck import brightness_temperature, radiance_derivative
 from .planck import radiance as planck_radiance
 from .prior import lighting_scale, scene_temperatures

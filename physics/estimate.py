@@ -31,15 +31,15 @@ from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from .bands import band_means, quadrature
-from .blas import no_blas_threads
-from .dead_pixels import FEW, lit
+from .cube.dead_pixels import FEW, lit
+from .cube.heat_cube import HeatCube
+from .cube.hot import parted, shine
+from .cube.saturation import saturated
 from .environment import Environment
 from .errors import InputError
-from .heat_cube import HeatCube
-from .hot import parted, shine
+from .machinery.blas import no_blas_threads
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
-from .saturation import saturated
 from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
 SAMPLES = 6000
@@ -142,7 +142,7 @@ class Sample:
         if not lit(radiance).all():
             raise InputError(
                 "environment: the cube has bands or pixels without light; leave such bands out, as "
-                "physics.bad_bands.without_bad_bands does."
+                "physics.cube.bad_bands.without_bad_bands does."
             )
         tell = _not_saturated(radiance, cube.wavelength_um)
         pick, spectra = pick[tell], radiance[tell] / self.cube.sigma

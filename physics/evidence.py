@@ -34,10 +34,10 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from .exact.reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY
 from .known import COLDEST_PRIOR_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from .planck import radiance
 from .prior import lighting_scale
-from .reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY
 
 QUADRATURE = 16
 BLOCK = 6  # of the factorisation

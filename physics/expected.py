@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import scratch
 from .errors import InputError
+from .machinery import scratch
 
 
 class Expected(NamedTuple):

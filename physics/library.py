@@ -18,9 +18,9 @@ from importlib.resources import files
 
 import numpy as np
 
+from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
-from .heat_cube import check_wavelength, numbers
-from .whole_file import whole_file
+from .machinery.whole_file import whole_file
 
 SKY = "sky"
 GREY = (0.4, 0.4, 0.4)  # albedo where none is given

@@ -35,8 +35,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .cube.heat_cube import check_wavelength
 from .errors import InputError
-from .heat_cube import check_wavelength
 from .planck import C2, radiance
 
 HC_K = C2 / 1e4  # h c / k_B, cm K

@@ -21,8 +21,8 @@ do not count.
 import numpy as np
 
 from .estimate import Sample
-from .local import solve_local
-from .reduced import reduce_model
+from .exact.local import solve_local
+from .exact.reduced import reduce_model
 
 SAMPLES, MOST, PATIENCE = 600, 10, 2
 UNDER_SKY = 4

@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from .array_file import load_arrays, save_arrays
+from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
-from .heat_cube import check_wavelength, numbers
+from .machinery.array_file import load_arrays, save_arrays
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from physics.heat_cube import HeatCube
+from physics.cube.heat_cube import HeatCube
 from physics.planck import radiance
 from physics.truth import Truth
 from texnet.pipeline import Decomposition

@@ -14,10 +14,10 @@ from physics.environment import Environment
 from physics.planck import brightness_temperature, radiance
 from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
-from texnet.air_between import air_between
-from texnet.correction import RIGHT, Calibration, corrected, corrected_environment
-from texnet.cube_io import write_cube
-from texnet.distances import OCTAVES, _likeliest
+from texnet.camera.air_between import air_between
+from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
+from texnet.camera.distances import OCTAVES, _likeliest
+from texnet.files.cube_io import write_cube
 from texnet.learned import shipped_network
 from texnet.pipeline import decompose
 from training.finetune import calibrated

@@ -19,10 +19,10 @@ ABOVE = {
 }
 COMMANDS = {ROOT / "texnet" / name for name in ("commands.py", "decompose_command.py")}  # see all
 LIGHT = [
-    "physics/__init__.py", "physics/errors.py", "physics/planck.py", "physics/heat_cube.py",
-    "physics/library.py", "physics/environment.py", "physics/whole_file.py", "physics/tiles.py",
-    "export/__init__.py", "export/runtime.py", "texnet/__init__.py",
-    "texnet/cli.py", "texnet/commands.py", "texnet/decompose_command.py", "texnet/cube_io.py",
+    "physics/__init__.py", "physics/errors.py", "physics/planck.py", "physics/cube/heat_cube.py",
+    "physics/library.py", "physics/environment.py", "physics/machinery/whole_file.py",
+    "physics/machinery/tiles.py", "export/__init__.py", "export/runtime.py", "texnet/__init__.py",
+    "texnet/cli.py", "texnet/commands.py", "texnet/decompose_command.py", "texnet/files/cube_io.py",
     "texnet/stretch.py", "texnet/progress.py",
 ]  # fmt: skip
 

@@ -9,7 +9,7 @@ from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
 from physics.sky import sky_radiance, usual_atmosphere
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS, decompose
 
 LIBRARY = MaterialLibrary.starter()

@@ -8,14 +8,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from traced import averaged, one_thread, traced  # noqa: F401
 
-from physics import Environment, HeatCube, MaterialLibrary, scratch
-from physics.bad_bands import NO_RADIANCE, without_bad_bands
+from physics import Environment, HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
+from physics.cube.bad_bands import NO_RADIANCE, without_bad_bands
 from physics.estimate import estimate_environment
+from physics.machinery import scratch
 from physics.planck import noise_sigma, radiance
 from physics.simulator.presets import PRESETS
 from texnet.cli import main
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 from texnet.pipeline import decompose
 
 LIBRARY = MaterialLibrary.starter()

@@ -9,7 +9,7 @@ from physics import HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
 from physics.environment import Environment
 from physics.eq1 import render
-from texnet.band_gains import band_gains
+from texnet.camera.band_gains import band_gains
 
 LIBRARY = MaterialLibrary.starter()
 W, WIDTH = equidistant_bands(20)

@@ -3,7 +3,7 @@
 import numpy as np
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from physics.blas import no_blas_threads
+from physics.machinery.blas import no_blas_threads
 
 
 def threads():

@@ -13,7 +13,7 @@ import texnet.budget as module
 from physics import InputError, MaterialLibrary
 from texnet.budget import CROP, best_first, choose, first_within, middle, thinned
 from texnet.cli import main
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS
 
 SLOW_IS_BETTER = {"careful": 40.0, "good": 20.0, "quick": 5.0}  # most accurate first

@@ -13,11 +13,11 @@ from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, radiance
-from texnet.calibration import calibration
-from texnet.correction import RIGHT, Calibration, corrected
-from texnet.cube_io import write_cube
+from texnet.camera.calibration import calibration
+from texnet.camera.correction import RIGHT, Calibration, corrected
+from texnet.camera.gain_or_offset import GAIN
 from texnet.doubt import doubt_k
-from texnet.gain_or_offset import GAIN
+from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS, decompose
 
 LIBRARY = MaterialLibrary.starter()

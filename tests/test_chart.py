@@ -19,9 +19,9 @@ from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from texnet.budget import best_first
 from texnet.cli import main
+from texnet.files.weights import save_network
 from texnet.metrics import evaluate, non_sky
 from texnet.network import TeXNet
-from texnet.weights import save_network
 
 # --- the front and the points ----------------------------------------------------------------
 

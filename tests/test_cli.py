@@ -16,9 +16,9 @@ import texnet.cli
 from physics import HeatCube, MaterialLibrary
 from physics.simulator.sensor import add_noise
 from physics.truth import Truth
-from texnet.band_file import write_bands
 from texnet.cli import main
-from texnet.cube_io import read_cube, write_cube
+from texnet.files.band_file import write_bands
+from texnet.files.cube_io import read_cube, write_cube
 
 
 def run(capfd, *words):

@@ -11,15 +11,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
-from physics import InputError, scratch
-from physics.heat_cube import HeatCube
+from physics import InputError
+from physics.cube.heat_cube import HeatCube
+from physics.machinery import scratch
 from physics.planck import brightness_temperature, radiance
-from texnet import raw_cube
 from texnet.cli import main
-from texnet.cube_import import import_cube
-from texnet.cube_io import read_cube, write_cube
-from texnet.envi import read_envi
-from texnet.raw_cube import UNITS
+from texnet.files import raw_cube
+from texnet.files.cube_import import import_cube
+from texnet.files.cube_io import read_cube, write_cube
+from texnet.files.envi import read_envi
+from texnet.files.raw_cube import UNITS
 
 ANY = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -337,8 +338,8 @@ def test_a_cube_is_imported_in_less_memory_than_it_takes(tmp_path, interleave):
     )  # fmt: skip
     np.full(bands * lines * samples, 7, "<f4").tofile(path.with_suffix(".dat"))
     code = (
-        "import re, sys; from texnet import raw_cube; from texnet.cli import main;"
-        "import texnet.cube_import, texnet.progress; raw_cube.PART = 1 << 20;"
+        "import re, sys; from texnet.files import raw_cube; from texnet.cli import main;"
+        "import texnet.files.cube_import, texnet.progress; raw_cube.PART = 1 << 20;"
         # not ru_maxrss, which starts at that of the tests
         "peak = lambda: int(re.search(r'VmHWM:\\s*(\\d+)', open('/proc/self/status').read())[1]);"
         "before = peak(); sys.stdout = sys.stderr;"

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
-from physics.heat_cube import HeatCube
-from texnet.cube_io import (
+from texnet.files.cube_io import (
     CHANNEL,
     channel_name,
     channel_wavelength_um,

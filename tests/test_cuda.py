@@ -19,7 +19,7 @@ from physics.library import MaterialLibrary
 from physics.planck import noise_sigma, radiance
 from physics.refinement import blocks, refine
 from texnet.cli import main
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 from texnet.learned import torch_model
 from texnet.pipeline import decompose
 from training.finetune import finetune

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from traced import names_of, one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
-from physics.bad_bands import NO_RADIANCE, without_bad_bands
-from physics.dead_pixels import FEW, gaps, lifted
+from physics.cube.bad_bands import NO_RADIANCE, without_bad_bands
+from physics.cube.dead_pixels import FEW, gaps, lifted
 from physics.errors import InputError
 from physics.planck import radiance
 from texnet.cli import main
-from texnet.cube_io import read_cube, write_cube
+from texnet.files.cube_io import read_cube, write_cube
 from texnet.pipeline import decompose
 from texnet.vision import tex_vision
 

@@ -14,7 +14,6 @@ from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
 from physics.planck import brightness_temperature, noise_sigma, radiance
 from texnet.cli import main
-from texnet.cube_io import write_cube
 from texnet.doubt import (
     ROWS,
     SCATTER,
@@ -24,7 +23,8 @@ from texnet.doubt import (
     with_calibration_error,
     with_level_error,
 )
-from texnet.library_io import with_sky
+from texnet.files.cube_io import write_cube
+from texnet.files.library_io import with_sky
 from texnet.pipeline import decompose
 
 

@@ -13,8 +13,8 @@ from physics.eq1 import render
 from physics.planck import noise_sigma, radiance
 from physics.sky import Atmosphere, sky_radiance
 from texnet.cli import main
-from texnet.cube_io import write_cube
-from texnet.environment_file import read_environment
+from texnet.files.cube_io import write_cube
+from texnet.files.environment_file import read_environment
 
 LIBRARY = MaterialLibrary.starter().subset(["sky", "water", "granite", "soil", "sandstone"])
 CENTRE, WIDTH = equidistant_bands(54)

@@ -9,10 +9,10 @@ from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
-from physics.distill import distill
 from physics.estimate import Sample, estimate_environment
+from physics.exact.distill import distill
+from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
 from physics.planck import brightness_temperature, noise_sigma, radiance
-from physics.reduced import SERIES_TOLERANCE, reduce_model
 from physics.sky import Atmosphere, sky_radiance
 from texnet.pipeline import decompose
 

@@ -23,10 +23,10 @@ from physics.expected import Expected
 from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, radiance
 from texnet.chunks import ANSWERED, chunks_of
+from texnet.files.weights import load_network
 from texnet.learned import shipped_network, torch_model
 from texnet.model import TeXModel
 from texnet.network import TeXNet
-from texnet.weights import load_network
 
 FLOATS = (
     "material_probability", "temperature_k", "temperature_sigma_k", "thermal_lighting",
@@ -95,7 +95,7 @@ def assert_close(a, b, temperature_k=5e-3, lighting=1e-3):
     assert t.max() <= temperature_k
     v = np.abs(a["thermal_lighting"] - b["thermal_lighting"])[:, same]
     assert v.max() <= lighting
-    # what `texnet.calibration` compares, to a tenth of a nat
+    # what `texnet.camera.calibration` compares, to a tenth of a nat
     np.testing.assert_allclose(a["log_evidence"], b["log_evidence"], rtol=1e-4, atol=0.02)
 
 
@@ -285,7 +285,7 @@ def test_a_file_that_cannot_be_written_is_said_at_once(network, tmp_path):
 
 def test_the_command_exports_weights(network, tmp_path, capsys, monkeypatch):
     from texnet.cli import main
-    from texnet.weights import save_network
+    from texnet.files.weights import save_network
 
     save_network(network, tmp_path / "w.safetensors", HISTORY)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from physics import Environment, HeatCube, MaterialLibrary
-from physics.faces import LANES, lower_bound, solve_on_face, tables, times
-from physics.local import HOPELESS, energy_given, solve_given, solve_local
+from physics.exact.faces import LANES, lower_bound, solve_on_face, tables, times
+from physics.exact.local import HOPELESS, energy_given, solve_given, solve_local
+from physics.exact.reduced import reduce_model
 from physics.planck import radiance
-from physics.reduced import reduce_model
 
 
 @pytest.mark.parametrize("m, n", [(1, 1), (2, 4), (5, 7), (26, 55)])

@@ -21,16 +21,16 @@ import training.samples as samples
 import training.train as train_module
 from physics import InputError, MaterialLibrary
 from physics.bands import equidistant_bands
-from physics.heat_cube import HeatCube
+from physics.cube.heat_cube import HeatCube
 from physics.library import SKY
 from physics.simulator.traced import TracedScene
 from texnet.cli import _parser, main
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
+from texnet.files.library_io import with_sky
+from texnet.files.weights import load_network, save_network
 from texnet.learned import shipped_network, torch_model
-from texnet.library_io import with_sky
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
-from texnet.weights import load_network, save_network
 from training.crops import Crops
 from training.finetune import calibrated, finetune
 from training.reshade import ReshadedSet

@@ -8,9 +8,9 @@ import pytest
 from traced import names_of, traced
 
 from physics.bands import equidistant_bands
+from physics.cube.heat_cube import HeatCube
+from physics.cube.hot import far_hotter, parted, shine
 from physics.estimate import estimate_environment
-from physics.heat_cube import HeatCube
-from physics.hot import far_hotter, parted, shine
 from physics.library import MaterialLibrary
 from physics.planck import radiance
 from physics.simulator import trace_scene

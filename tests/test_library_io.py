@@ -10,8 +10,8 @@ from scipy.io import savemat
 
 from physics import InputError, MaterialLibrary
 from texnet.cli import main
-from texnet.library_io import import_library
-from texnet.mat_file import read_mat
+from texnet.files.library_io import import_library
+from texnet.files.mat_file import read_mat
 
 ANY = settings(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

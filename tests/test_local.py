@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
-from physics.local import HOPELESS, energy_given, solve_given, solve_local
+from physics.exact.local import HOPELESS, energy_given, solve_given, solve_local
+from physics.exact.reduced import reduce_model
 from physics.planck import brightness_temperature, radiance, radiance_derivative
-from physics.reduced import reduce_model
 
 
 def solve(p):

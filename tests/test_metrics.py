@@ -6,8 +6,8 @@ import made_up
 import numpy as np
 import pytest
 
+from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
-from physics.heat_cube import HeatCube
 from texnet.baselines import clahe, panchromatic, principal_components
 from texnet.metrics import correlation, evaluate, non_sky, texture_scores
 

@@ -11,8 +11,8 @@ from traced import one_thread  # noqa: F401
 
 from physics import InputError
 from physics.evidence import hypotheses
+from texnet.files.weights import load_network, save_network
 from texnet.network import DILATIONS, STRIDE, TeXNet, stem
-from texnet.weights import load_network, save_network
 
 SEEN = STRIDE * sum(DILATIONS) + STRIDE - 1  # by 3 x 3 convolutions over cells
 HALO = SEEN + 1 + 2  # and by two rounds of messages

@@ -15,9 +15,9 @@ from benchmarks.peers.band_planck import BandPlanck, emissivity
 from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from physics.bands import equidistant_bands, quadrature
-from physics.local import solve_local
+from physics.exact.local import solve_local
+from physics.exact.reduced import reduce_model
 from physics.planck import radiance
-from physics.reduced import reduce_model
 from physics.sky import Atmosphere, sky_radiance
 
 COARSE = {

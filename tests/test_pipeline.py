@@ -14,8 +14,8 @@ from benchmarks import ONNX
 from export.runtime import Runtime
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import quadrature
+from physics.cube.heat_cube import LEAST_NETD_K
 from physics.eq1 import heat_signal, render
-from physics.heat_cube import LEAST_NETD_K
 from physics.known import known_arrays
 from physics.planck import brightness_temperature, noise_sigma, radiance
 from texnet.baselines import baseline_pictures

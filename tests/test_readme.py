@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from traced import one_thread, traced  # noqa: F401
 
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)

@@ -12,13 +12,13 @@ from scipy.optimize import minimize
 from test_evidence import World, dense
 from traced import one_thread  # noqa: F401
 
-import physics.reduced as reduced
+import physics.exact.reduced as reduced
 from physics import MaterialLibrary
 from physics.evidence import components, evidence, hermite, hypotheses
+from physics.exact.local import solve_given, solve_local
+from physics.exact.reduced import reduce_model
 from physics.known import TERMS
-from physics.local import solve_given, solve_local
 from physics.planck import radiance, radiance_derivative
-from physics.reduced import reduce_model
 from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, one_hot, refine
 
 

@@ -202,7 +202,7 @@ def test_every_band_has_the_sensors_noise():
 
 
 def truth_like(cube):
-    from tests import made_up
+    import made_up
 
     t = made_up.truth()
     return replace(t, texture=cube.radiance, emissivity=cube.radiance, wavelength_um=W4)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from traced import one_thread, said, traced  # noqa: F401
 
 from physics import HeatCube
+from physics.cube.saturation import saturated
 from physics.planck import noise_sigma, radiance
-from physics.saturation import saturated
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 from texnet.pipeline import decompose
 
 

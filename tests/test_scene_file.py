@@ -9,7 +9,7 @@ import trimesh
 
 from physics import InputError, MaterialLibrary
 from physics.simulator import load_scene
-from texnet.band_file import read_bands
+from texnet.files.band_file import read_bands
 
 ROCK = {
     "name": "rock", "mesh": "rock.obj", "material": "granite", "temperature_k": 290,

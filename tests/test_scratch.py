@@ -7,10 +7,11 @@ import zipfile
 import numpy as np
 import pytest
 
-from physics import HeatCube, InputError, scratch
-from physics.array_file import load_arrays, save_arrays
-from physics.tiles import run_tiled
-from texnet.cube_io import read_cube, write_cube
+from physics import HeatCube, InputError
+from physics.machinery import scratch
+from physics.machinery.array_file import load_arrays, save_arrays
+from physics.machinery.tiles import run_tiled
+from texnet.files.cube_io import read_cube, write_cube
 
 
 @pytest.fixture
@@ -125,7 +126,7 @@ def test_a_cube_is_read_in_less_memory_than_it_takes(tmp_path):
         wavelength_um=np.linspace(8, 14, 24), netd_k=0.05,
     )  # fmt: skip
     code = (
-        "import resource, sys; from texnet.cube_io import read_cube; import sklearn.cluster;"
+        "import resource, sys; from texnet.files.cube_io import read_cube; import sklearn.cluster;"
         "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss;"
         "before = peak(); cube = read_cube(sys.argv[1]).with_netd(); cube.sample(1000);"
         "print(peak() - before)"

@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import one_thread  # noqa: F401
 
-import physics.reduced as reduced
-import physics.semiglobal as semiglobal
+import physics.exact.reduced as reduced
+import physics.exact.semiglobal as semiglobal
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
-from physics.local import solve_local
+from physics.exact.local import solve_local
+from physics.exact.reduced import reduce_model
+from physics.exact.semiglobal import Objective, State, refine, unsmoothed
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.prior import V_PRECISION
-from physics.reduced import reduce_model
-from physics.semiglobal import Objective, State, refine, unsmoothed
 
 
 def smooth_map(rng, shape, scale):

@@ -13,13 +13,13 @@ from traced import averaged, one_thread, traced  # noqa: F401
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
 from physics.blind import library_from_cube
+from physics.cube.spectral_shift import STEP_UM, registered, spectral_shift
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, radiance
 from physics.sky import Atmosphere, sky_radiance
-from physics.spectral_shift import STEP_UM, registered, spectral_shift
 from texnet.budget import choose
 from texnet.cli import main
-from texnet.cube_io import write_cube
+from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS, decompose
 
 LIBRARY = MaterialLibrary.starter()

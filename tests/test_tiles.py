@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from physics.tiles import TILE_PIXELS, run_tiled, tile_size
+from physics.machinery.tiles import TILE_PIXELS, run_tiled, tile_size
 
 REACH = 2
 

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
-from physics.heat_cube import sampling_step
+from physics.cube.heat_cube import sampling_step
 from physics.planck import brightness_temperature, noise_sigma, radiance
 
 W = np.linspace(8.0, 14.0, 5)

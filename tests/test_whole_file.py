@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from physics import InputError
-from physics.whole_file import check_writable, whole_file
+from physics.machinery.whole_file import check_writable, whole_file
 
 ROOT = Path(__file__).parent.parent
 
@@ -86,7 +86,7 @@ def test_what_is_half_written_goes_when_the_process_is_told_to_end(tmp_path):
     code = (
         "import os, signal, sys, texnet.cli\n"
         "from pathlib import Path\n"
-        "from physics.whole_file import whole_file\n"
+        "from physics.machinery.whole_file import whole_file\n"
         "sys.argv = ['texnet', 'library', 'list']\n"
         "texnet.cli.main()\n"
         f"with whole_file(Path({str(tmp_path / 'a.txt')!r})) as part:\n"

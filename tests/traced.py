@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from physics.bands import equidistant_bands
-from physics.heat_cube import HeatCube
+from physics.cube.heat_cube import HeatCube
 from physics.simulator import simulate
 from physics.simulator.presets import preset
 from texnet.cli import main

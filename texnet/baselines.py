@@ -5,7 +5,7 @@ Every picture that TeX vision makes is compared with these three.
 
 import numpy as np
 
-from physics import scratch
+from physics.machinery import scratch
 
 from .metrics import texture_correlation
 from .stretch import stretch

@@ -15,10 +15,10 @@ from importlib.resources import files
 
 import numpy as np
 
+from physics.cube.heat_cube import HeatCube
+from physics.cube.prepared import prepared
 from physics.errors import InputError
 from physics.estimate import estimate_environment
-from physics.heat_cube import HeatCube
-from physics.prepared import prepared
 
 from .circumstances import USUAL_OBJECTS
 from .pipeline import decompose

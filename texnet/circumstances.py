@@ -2,11 +2,11 @@
 and what is wrong with or before the camera.
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
-are those that the sky's ozone shows, if others than stated (`physics.prepared`). Then come the
+are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`). Then come the
 environment, from the cube; a sky that is not in view, if nothing else explains the pixels, and the
 camera's gains or offset or the air before it, if these show them, or more noise, if nothing fits
-(`calibration`); how much of that air is before each pixel (`distances`); and the environment again,
-from the cube as a right camera would have shown it.
+(`camera.calibration`); how much of that air is before each pixel (`camera.distances`); and the
+environment again, from the cube as a right camera would have shown it.
 """
 
 from dataclasses import replace
@@ -15,17 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from physics import hot
-from physics.blas import no_blas_threads
+from physics.cube import hot
+from physics.cube.heat_cube import HeatCube
+from physics.cube.prepared import Prepared, prepared
+from physics.cube.saturation import saturated
 from physics.environment import Environment
 from physics.estimate import completed, estimate_environment
-from physics.heat_cube import HeatCube
-from physics.prepared import Prepared, prepared
-from physics.saturation import saturated
+from physics.machinery.blas import no_blas_threads
 
-from .calibration import calibration, of_given, under_a_sky
-from .correction import RIGHT, Calibration, corrected
-from .distances import distances
+from .camera.calibration import calibration, of_given, under_a_sky
+from .camera.correction import RIGHT, Calibration, corrected
+from .camera.distances import distances
 from .progress import compiling
 
 USUAL_OBJECTS = 5  # of the environment, where the sky is in view

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from physics.cube.heat_cube import MAX_NETD_K
 from physics.errors import InputError
-from physics.heat_cube import MAX_NETD_K
 
 from . import commands
 from .decompose_command import decompose, demo

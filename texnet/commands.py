@@ -14,8 +14,8 @@ from .loading import loading
 
 
 def import_(args):
-    from .cube_import import import_cube
-    from .cube_io import check_cube_path, truth_path, write_cube
+    from .files.cube_import import import_cube
+    from .files.cube_io import check_cube_path, truth_path, write_cube
     from .progress import progress_bar
 
     check_cube_path(args.out, args.file)
@@ -44,8 +44,8 @@ def simulate(args):
         from physics.simulator.presets import preset
         from physics.simulator.scene_file import load_scene
 
-        from .band_file import read_bands
-        from .cube_io import check_cube_path, truth_path, write_cube
+        from .files.band_file import read_bands
+        from .files.cube_io import check_cube_path, truth_path, write_cube
         from .progress import progress_bar
 
     named = isinstance(args.bands, Path)
@@ -87,9 +87,9 @@ def chosen_library(args):
 def bands(args):
     from physics.bands import equidistant_bands
     from physics.filters import design_filters, filter_range, rate_filters
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
-    from .band_file import write_bands
+    from .files.band_file import write_bands
     from .progress import progress_bar
 
     if args.out is not None:
@@ -145,7 +145,7 @@ def library_show(args):
 
 def library_rebuild(args):
     from physics import starter
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
     check_writable(args.out)
     starter.write(args.out)
@@ -153,9 +153,9 @@ def library_rebuild(args):
 
 
 def library_import(args):
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
-    from .library_io import import_library, read_names
+    from .files.library_io import import_library, read_names
 
     texts = args.file.glob("*.[tT][xX][tT]")
     check_writable(args.out, args.file, args.names, *texts, suffix=".json")
@@ -166,9 +166,9 @@ def library_import(args):
 
 def library_from_cube(args):
     from physics.blind import library_from_cube
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
-    from .cube_io import read_cube
+    from .files.cube_io import read_cube
     from .progress import progress_bar
 
     check_writable(args.out, args.cube, suffix=".json")
@@ -190,7 +190,7 @@ def _saved(library, path, note, said, command):
 
 
 def train(args):
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
     check_writable(args.out, suffix=".safetensors")
     with _training() as report:
@@ -205,10 +205,10 @@ def train(args):
 
 
 def finetune(args):
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
-    from .cube_io import read_cube
-    from .weights import load_network, save_network
+    from .files.cube_io import read_cube
+    from .files.weights import load_network, save_network
 
     check_writable(args.out, args.library, args.model, *args.cubes, suffix=".safetensors")
     library = MaterialLibrary.load(args.library)
@@ -258,9 +258,9 @@ def _scores(what, m):
 
 
 def export(args):
-    from physics.whole_file import check_writable
+    from physics.machinery.whole_file import check_writable
 
-    from .weights import load_network
+    from .files.weights import load_network
 
     check_writable(args.out, args.model, suffix=".onnx")
     network, history = load_network(args.model)

@@ -7,12 +7,12 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
+from physics.cube.heat_cube import LEAST_NETD_K
 from physics.errors import InputError
-from physics.heat_cube import LEAST_NETD_K
 from physics.library import SKY
 
 from .commands import chosen_library
-from .cube_io import read_cube, truth_path
+from .files.cube_io import read_cube, truth_path
 from .loading import loading
 from .metrics import evaluate, names_lacking, non_sky
 
@@ -65,7 +65,7 @@ def decompose(args):
         check_directory(args.out, *inputs)
         environment, objects = None, None
         if args.environment is not None:
-            from .environment_file import read_environment
+            from .files.environment_file import read_environment
 
             environment, objects = read_environment(args.environment, cube)
     with progress_bar() as report:
@@ -169,8 +169,8 @@ def _runner(method, model, device):
             raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
         return None
     if model is not None and model.suffix != ".onnx":
+        from .files.weights import load_network
         from .learned import torch_model
-        from .weights import load_network
 
         return torch_model(load_network(model)[0], device=device)
     if model is not None and method == "net":

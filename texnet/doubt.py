@@ -7,7 +7,7 @@ unknown or have a sigma that covers the error, and few others are unknown.
 
 import numpy as np
 
-from physics import scratch
+from physics.machinery import scratch
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 

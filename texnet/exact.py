@@ -5,14 +5,14 @@ from dataclasses import replace
 import numba
 import numpy as np
 
-from physics import hot
-from physics.blas import no_blas_threads
-from physics.distill import distill
-from physics.local import solve_local
+from physics.cube import hot
+from physics.exact.distill import distill
+from physics.exact.local import solve_local
+from physics.exact.reduced import reduce_model
+from physics.exact.semiglobal import Objective, refine, unsmoothed
+from physics.machinery.blas import no_blas_threads
+from physics.machinery.tiles import TILE_BYTES, run_tiled
 from physics.planck import brightness_temperature
-from physics.reduced import reduce_model
-from physics.semiglobal import Objective, refine, unsmoothed
-from physics.tiles import TILE_BYTES, run_tiled
 
 from .doubt import (
     AIR_SIGMA_K,
@@ -61,7 +61,7 @@ def solve(cube, library, environment, regions, smooth, report, lap):
 
 def solve_hot(cube, radiance, library, environment):
     """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, of
-    radiance (bands, n), as `physics.hot` parts them."""
+    radiance (bands, n), as `physics.cube.hot` parts them."""
     noisy = replace(cube, netd_k=hot.netd_k(cube, radiance))
     of_hot = hot.temperatures(cube.wavelength_um, radiance)
     model = reduce_model(noisy, library, environment, of_hot)

@@ -8,10 +8,10 @@ from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from physics import scratch
-from physics.dead_pixels import gaps
+from physics.cube.dead_pixels import gaps
 from physics.library import SKY, MaterialLibrary, hues_between
-from physics.whole_file import whole_file
+from physics.machinery import scratch
+from physics.machinery.whole_file import whole_file
 
 from .baselines import baseline_correlations
 from .metrics import names_in_view, names_lacking, non_sky, texture_correlation
@@ -147,7 +147,7 @@ def _lighting(d, ground):
 
 
 def _texture_title(d):
-    # Without a sky the pipeline shows the residual instead (physics.distill).
+    # Without a sky the pipeline shows the residual instead (physics.exact.distill).
     if not d.sky:
         return "residual texture (noise units)"
     return f"sky-lit X ({RADIANCE})"

@@ -27,9 +27,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from physics import scratch
+from physics.cube.heat_cube import HeatCube
 from physics.expected import Expected, Regions, among_all
-from physics.heat_cube import HeatCube
+from physics.machinery import scratch
 
 PATCH = 2  # pixels
 STEP = 4  # at most

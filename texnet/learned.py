@@ -9,14 +9,14 @@ from threading import Lock
 
 import torch
 
-from physics.by_tiles import by_tiles
 from physics.errors import InputError
 from physics.evidence import Known
+from physics.machinery.by_tiles import by_tiles
+from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 from physics.refinement import STEPS
-from physics.tiles import MOST_AT_ONCE, TILE_BYTES
 
+from .files.weights import load_network
 from .model import TeX, TeXModel
-from .weights import load_network
 
 WEIGHTS = "texnet.safetensors"  # in texnet/data
 ON_GPU = 2  # tiles at once: a GPU has less to do than there is to tell it

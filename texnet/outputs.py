@@ -18,9 +18,9 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 
-from physics.array_file import save_arrays
 from physics.errors import InputError
-from physics.whole_file import check_writable
+from physics.machinery.array_file import save_arrays
+from physics.machinery.whole_file import check_writable
 
 from .figures import comparison_figure, maps_figure
 from .vision import tex_vision

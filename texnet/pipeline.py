@@ -8,7 +8,8 @@ net, net+sgd   evidence -> network -> refinement and texture
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
                distilled texture, with how sure each part is
 
-Pixels that are far hotter than the rest are taken out before, and solved apart (`physics.hot`).
+Pixels that are far hotter than the rest are taken out before, and solved apart
+(`physics.cube.hot`).
 """
 
 import math
@@ -18,13 +19,14 @@ from functools import partial
 
 import numpy as np
 
-from physics import hot, scratch
+from physics.cube import hot
+from physics.cube.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.expected import only
-from physics.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.known import MAX_T, known_arrays
 from physics.library import MaterialLibrary
+from physics.machinery import scratch
 from physics.planck import brightness_temperature
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
@@ -89,7 +91,7 @@ class Decomposition:
     netd_k                NETD that was assumed of the corrected cube, K
     noise_raised          its ratio to the camera's: above 1 where the fit asks for more noise, or
                           the camera has less than what k objects leave out
-    objective             E of `physics.semiglobal` along the refinement, nats; empty for local
+    objective             E of `physics.exact.semiglobal` along the refinement, nats; () for local
     seconds               time by stage
     """
 
@@ -163,7 +165,7 @@ def decompose(
                  environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
-                 together, in offset or gain, beyond what the cube shows (`calibration`):
+                 together, in offset or gain, beyond what the cube shows:
                  temperature_sigma_k holds it if stated
     model        run(radiance, known, progress, expected, regions) -> maps by net+sgd, such as
                  export.Runtime(FILE).run; net needs one that takes refined=False, too, as

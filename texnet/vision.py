@@ -8,7 +8,7 @@ pseudo-colours.
 import numpy as np
 from matplotlib.colors import hsv_to_rgb
 
-from physics.dead_pixels import gaps
+from physics.cube.dead_pixels import gaps
 
 from .metrics import non_sky
 from .stretch import stretch

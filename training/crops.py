@@ -18,9 +18,9 @@ TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
 class Crops(Dataset):
-    """Draw number i of HeatCubes, prepared (`physics.prepared`), each in its turn: an unlabelled
-    Sample and its Stem, of at most side x side pixels. Where assume_sky says so of a cube, a usual
-    sky is assumed.
+    """Draw number i of HeatCubes, prepared (`physics.cube.prepared`), each in its turn: an
+    unlabelled Sample and its Stem, of at most side x side pixels. Where assume_sky says so of a
+    cube, a usual sky is assumed.
 
     The Sample has `known` and `radiance`; the rest, truth and a glance, is None. Raises InputError
     where the library does not cover a cube's bands.

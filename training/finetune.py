@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from physics.provenance import fingerprint
+from physics.machinery.provenance import fingerprint
 from texnet.circumstances import circumstances
+from texnet.files.library_io import with_sky
 from texnet.learned import check_device, torch_model
-from texnet.library_io import with_sky
 from texnet.pipeline import by_network
 
 from .crops import Crops

@@ -15,7 +15,7 @@ from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.presets.random_scene import random_scene
 from physics.simulator.traced import TracedScene, trace_scene
-from texnet.library_io import with_sky
+from texnet.files.library_io import with_sky
 
 from .scenes import BASE_SEED, Record, SceneSet, Settings, of_seed
 

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
 from physics.evidence import Known, hypotheses
 from physics.expected import Expected
-from physics.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.sensor import add_noise

@@ -25,15 +25,15 @@ from pathlib import Path
 import numpy as np
 
 import physics
-from physics.array_file import load_arrays, save_arrays
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.library import MaterialLibrary
-from physics.provenance import provenance
+from physics.machinery.array_file import load_arrays, save_arrays
+from physics.machinery.provenance import provenance
+from physics.machinery.threads import cores
+from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate
 from physics.simulator.presets.random_scene import random_scene
-from physics.threads import cores
-from physics.whole_file import whole_file
 
 from .vary import vary
 
@@ -46,9 +46,9 @@ _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 # of what is in a scene's file, or a traced one's
 SOURCES = (
     *(_PHYSICS / name for name in (
-        "simulator", "array_file.py", "bands.py", "dead_pixels.py", "errors.py", "heat_cube.py",
-        "library.py", "netd.py", "planck.py", "sky.py", "truth.py", "whole_file.py",
-        "data/starter_library.json",
+        "simulator", "bands.py", "errors.py", "library.py", "planck.py", "sky.py", "truth.py",
+        "cube/dead_pixels.py", "cube/heat_cube.py", "cube/netd.py",
+        "machinery/array_file.py", "machinery/whole_file.py", "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
 )  # fmt: skip

@@ -26,11 +26,11 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 import physics
 import texnet
 from physics.errors import InputError
-from physics.provenance import provenance
-from physics.threads import cores
+from physics.machinery.provenance import provenance
+from physics.machinery.threads import cores
+from texnet.files.weights import save_network
 from texnet.learned import check_device
 from texnet.network import TeXNet
-from texnet.weights import save_network
 
 from .losses import PHYSICS_WEIGHT, cross_entropy, eq1_loss, supervised_loss
 from .samples import draw, expected_by, features

@@ -1,5 +1,5 @@
 """Eq. 6 by a bounded scipy.optimize.least_squares per pixel and material, in one thread: how the
-published MATLAB code is ported. It minimises the same J as `physics.local`."""
+published MATLAB code is ported. It minimises the same J as `physics.exact.local`."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def fit(model, spectrum, r, fwhm_um):
 
 def cost(model, spectrum, r, fwhm_um, temperature_k, lighting):
     """J + occam in nats of a hypothesis at T in K and V (k,), by Planck's law itself instead of the
-    series that `physics.local` has of it; other arguments as of `fit`."""
+    series that `physics.exact.local` has of it; other arguments as of `fit`."""
     x = np.append(temperature_k, lighting)
     return 0.5 * (_residuals(model, spectrum, r, fwhm_um)(x) ** 2).sum() + model.occam[r]
 

@@ -15,9 +15,9 @@ from PIL import Image
 
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
+from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate
 from physics.simulator.presets import preset
-from physics.whole_file import whole_file
 from texnet.figures import LEAST_SHARE, colour_of
 from texnet.metrics import names_in_view
 from texnet.vision import tex_vision

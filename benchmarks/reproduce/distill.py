@@ -8,7 +8,7 @@ are sky neither in truth nor by the answer:
     ground  the part of it from objects on the ground, taken away: by day they shine no light
     sky     the part of it from the sky's objects
     delta   the residual |S~ - S|, root mean square over bands in noise units
-    fused   the sky's part with what the residual says of the sky's light (`physics.distill`)
+    fused   the sky's part with what the residual says of the sky's light (`physics.exact.distill`)
 
 Truth: X and its sky-lit part from the traced paths, and the ground's as their difference. Its
 delta is what the k objects cannot say even with the true T and e: V is then the least-squares fit
@@ -24,9 +24,9 @@ from matplotlib.colors import LogNorm
 
 from benchmarks.rows import write_csv
 from physics.eq1 import render
+from physics.exact.reduced import PIXELS_PER_GROUP
 from physics.library import MaterialLibrary
 from physics.planck import noise_sigma
-from physics.reduced import PIXELS_PER_GROUP
 from texnet.metrics import correlation, non_sky
 from texnet.pipeline import decompose
 

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from benchmarks.paper_method import kmeans_environment, paper_decompose
+from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
-from physics.heat_cube import HeatCube
 from physics.identifiability import cramer_rao
 from physics.library import SKY, MaterialLibrary
 from physics.simulator import trace_scene

@@ -15,7 +15,7 @@ the same in all of it: least squares of Eq. 1 itself, at half the resolution.
 import numpy as np
 from scipy.ndimage import convolve
 
-from physics.heat_cube import HeatCube
+from physics.cube.heat_cube import HeatCube
 from physics.planck import brightness_temperature, radiance
 
 PATTERN = np.array([[0, 1], [2, 3]])

@@ -2,7 +2,7 @@
 
 The preset `forest`; the library is that of the scene's own materials and the sky, as in the
 paper; k = 2 environment objects. In every pixel Eq. 6 is solved exactly for each material
-(`physics.local`): T and V on the simplex that leave the least residual
+(`physics.exact.local`): T and V on the simplex that leave the least residual
 
     delta_m = |S~ - S| / sigma / sqrt(bands),    S~ = e_m B(T) + (1 - e_m) (V_1 S_1 + V_2 S_2)
 
@@ -26,9 +26,9 @@ from benchmarks.rows import write_csv
 from physics.environment import Environment
 from physics.eq1 import render
 from physics.estimate import estimate_environment
+from physics.exact.local import solve_given, solve_local
+from physics.exact.reduced import reduce_model
 from physics.library import SKY, MaterialLibrary
-from physics.local import solve_given, solve_local
-from physics.reduced import reduce_model
 from texnet.baselines import panchromatic
 from texnet.metrics import non_sky
 

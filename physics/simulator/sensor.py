@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bands import quadrature
+from ..cube.heat_cube import check_wavelength
 from ..errors import InputError
-from ..heat_cube import check_wavelength
+from ..machinery.threads import cores, in_threads
 from ..planck import noise_sigma, radiance
-from ..threads import cores, in_threads
 
 CELL_UM = 0.02  # between the wavelengths that a cell is averaged over, at most
 FLOOR_K = 100.0  # coldest black body that a reading can mean: 1e-3 of 300 K's light at most

@@ -14,13 +14,13 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from ..array_file import load_arrays, save_arrays
+from ..cube.heat_cube import MAX_NETD_K, HeatCube
 from ..errors import InputError
-from ..heat_cube import MAX_NETD_K, HeatCube
 from ..library import SKY as SKY_NAME
+from ..machinery.array_file import load_arrays, save_arrays
+from ..machinery.threads import cores, in_threads
 from ..planck import radiance
 from ..sky import Atmosphere
-from ..threads import cores, in_threads
 from ..truth import Truth
 from .daylight import daylight
 from .sensor import FLOOR_K, Bands, add_noise

@@ -33,13 +33,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from physics import scratch
 from physics.air import Air
+from physics.cube.heat_cube import MAX_NETD_K, HeatCube
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import OPAQUE_UM
-from physics.heat_cube import MAX_NETD_K, HeatCube
 from physics.library import MaterialLibrary
+from physics.machinery import scratch
 from physics.planck import brightness_temperature
 
 from .air_between import air_between

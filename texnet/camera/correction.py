@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from physics import scratch
 from physics.air import Air
-from physics.heat_cube import MAX_NETD_K
+from physics.cube.heat_cube import MAX_NETD_K
+from physics.machinery import scratch
 from physics.planck import noise_sigma
 
 DARKEST = 0.05  # what is left of a radiance, at least

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from . import scratch
+from ..errors import InputError
+from ..machinery import scratch
+from ..planck import brightness_temperature, noise_sigma
 from .dead_pixels import dead_pixels, filled, lifted, without_dead
-from .errors import InputError
 from .netd import estimated_netd
-from .planck import brightness_temperature, noise_sigma
 
 TYPICAL_K = (110.0, 1000.0)  # of half a scene; beyond, its unit is wrong
 MIN_NETD_K, MAX_NETD_K = 1e-3, 10.0  # of an estimate, at least; beyond the other, it is in mK

@@ -19,9 +19,9 @@ in all bands alike looks like noise.
 
 import numpy as np
 
+from ..errors import InputError
+from ..planck import noise_sigma
 from .dead_pixels import lit
-from .errors import InputError
-from .planck import noise_sigma
 
 SAMPLES = 6000  # pixels
 CALM, PER_BAND = 0.25, 4  # of the pixels, or so many for each band, if that is more

@@ -21,8 +21,8 @@ daylight, and the residual alone (its root mean square in noise units) shows the
 
 import numpy as np
 
+from ..machinery.threads import in_threads
 from .reduced import groups
-from .threads import in_threads
 
 
 def distill(model, spectra, row, temperature_k, thermal_lighting, threads):

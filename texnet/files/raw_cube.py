@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from physics import scratch
-from physics.dead_pixels import lit
+from physics.cube.dead_pixels import lit
+from physics.cube.heat_cube import TYPICAL_K, HeatCube, sampling_step
 from physics.errors import InputError
-from physics.heat_cube import TYPICAL_K, HeatCube, sampling_step
+from physics.machinery import scratch
 from physics.planck import brightness_temperature
 
 from .wavelengths import PER_UM, ascending, in_um

@@ -8,7 +8,7 @@ all alike without any noise, as in a drawing, looks saturated where it is the br
 
 import numpy as np
 
-from . import scratch
+from ..machinery import scratch
 
 PILE = 4  # pixels at the ceiling, at least, over those of any other value
 LEAST = 8  # pixels at the ceiling

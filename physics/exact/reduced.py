@@ -46,14 +46,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from . import scratch
-from .bands import quadrature
-from .environment import Environment
-from .errors import InputError
-from .heat_cube import HeatCube
-from .library import MaterialLibrary
-from .planck import brightness_temperature, noise_sigma, radiance
-from .prior import (
+from ..bands import quadrature
+from ..cube.heat_cube import HeatCube
+from ..environment import Environment
+from ..errors import InputError
+from ..library import MaterialLibrary
+from ..machinery import scratch
+from ..planck import brightness_temperature, noise_sigma, radiance
+from ..prior import (
     MIN_TEMPERATURE_SPREAD_K,
     V_PRECISION,
     lighting_scale,

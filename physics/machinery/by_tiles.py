@@ -3,9 +3,9 @@ Runtime (`export.runtime`), to which this tells what is expected and what is loo
 
 import numpy as np
 
-from .errors import InputError
-from .expected import among_all, only
-from .known import bytes_per_pixel
+from ..errors import InputError
+from ..expected import among_all, only
+from ..known import bytes_per_pixel
 from .tiles import run_tiled
 
 

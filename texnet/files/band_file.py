@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from physics.errors import InputError
-from physics.whole_file import whole_file
+from physics.machinery.whole_file import whole_file
 
 
 def read_bands(path):

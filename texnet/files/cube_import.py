@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
-from physics.array_file import BROKEN_NPY
 from physics.errors import InputError
+from physics.machinery.array_file import BROKEN_NPY
 
 from .cube_io import read_cube, some_arrays, unpacked
 from .envi import header_of, read_envi

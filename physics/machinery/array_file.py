@@ -6,8 +6,8 @@ from tokenize import TokenError
 
 import numpy as np
 
+from ..errors import InputError
 from . import scratch
-from .errors import InputError
 from .whole_file import whole_file
 
 # what numpy and zipfile raise on damaged files

@@ -5,7 +5,7 @@ import secrets
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import InputError
+from ..errors import InputError
 
 
 def check_writable(path, *inputs, suffix=None):

@@ -25,11 +25,11 @@ from pathlib import Path
 
 import numpy as np
 
-from physics import scratch
-from physics.array_file import BROKEN_NPZ, save_arrays
+from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
-from physics.heat_cube import HeatCube
-from physics.whole_file import check_writable, whole_file
+from physics.machinery import scratch
+from physics.machinery.array_file import BROKEN_NPZ, save_arrays
+from physics.machinery.whole_file import check_writable, whole_file
 
 # Fichet et al. 2021, as their own library spells it.
 CHANNEL = re.compile(

@@ -16,10 +16,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from . import scratch
+from ..exact.reduced import Temperatures
+from ..machinery import scratch
+from ..planck import brightness_temperature, radiance, radiance_derivative
 from .heat_cube import MAX_NETD_K
-from .planck import brightness_temperature, radiance, radiance_derivative
-from .reduced import Temperatures
 
 FAR_K, HOT_K = 50.0, 350.0  # above half of the pixels, and above what the sun heats
 LIT, KNOWN = 0.05, 0.005

@@ -19,9 +19,9 @@ from physics.air import Air
 from physics.errors import InputError
 from physics.expected import Expected
 
+from ..doubt import over_nine
+from ..glance import PATCH, from_afar
 from .correction import corrected
-from .doubt import over_nine
-from .glance import PATCH, from_afar
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
 SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2

@@ -22,10 +22,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..planck import noise_sigma
 from .dead_pixels import FEW, lit
 from .heat_cube import LEAST_NETD_K, MAX_NETD_K
 from .netd import noise_of_bands, squares_of, usual_noise
-from .planck import noise_sigma
 
 NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.2
 OUTERMOST = 0.005  # of the pixels at either end

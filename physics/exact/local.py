@@ -24,11 +24,11 @@ import numba
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from ..machinery.threads import in_threads
+from ..planck import brightness_temperature
 from . import faces, simplex
 from .faces import LANES
-from .planck import brightness_temperature
 from .reduced import ReducedModel, groups
-from .threads import in_threads
 
 # A material so far behind cannot win in `semiglobal`: neighbours give at most 4 BETA = 12 nats, the
 # materials' shares at most log of some 40,000 pixels times the materials, 18 for 1500

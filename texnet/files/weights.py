@@ -6,9 +6,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
 from physics.errors import InputError
-from physics.whole_file import whole_file
+from physics.machinery.whole_file import whole_file
 
-from .network import TeXNet
+from ..network import TeXNet
 
 
 def save_network(network, path, history):

@@ -11,7 +11,7 @@ import weakref
 
 import numpy as np
 
-from .errors import InputError
+from ..errors import InputError
 
 LARGE = 1 << 26  # bytes
 _OURS = weakref.WeakSet()  # maps of files that nobody else sees: all that is released

@@ -35,7 +35,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from .errors import InputError
+from ..errors import InputError
 from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 

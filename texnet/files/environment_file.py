@@ -15,9 +15,9 @@ rows, and its exact mean over each band is what the camera would show: the nodes
 import numpy as np
 
 from physics.bands import means_of_samples
+from physics.cube.heat_cube import check_wavelength
 from physics.environment import Environment
 from physics.errors import InputError
-from physics.heat_cube import check_wavelength
 
 from .text_table import MAX_GAP_UM, read_table
 

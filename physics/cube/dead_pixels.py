@@ -9,9 +9,9 @@ NaN or infinity, in as many pixels as it may be.
 
 import numpy as np
 
-from . import scratch
-from .errors import InputError
-from .planck import radiance as planck
+from ..errors import InputError
+from ..machinery import scratch
+from ..planck import radiance as planck
 
 FEW = 0.05  # of the pixels that hold anything may be dead; more are a wrong calibration
 HOTTEST_K = 1e4  # of any pixel; beyond it a detector is dead
