@@ -13,6 +13,7 @@ ablation     what each part of the network and of its loss earns
 starts       what a good start buys TeX-SGD
 mitsuba_agreement  the simulator against an independent renderer
 reproduce    the paper's figures; paper_method is the paper's method, as written
+peers        classical methods, and the usual port of the paper's fit
 rows         measurements in files, and what made them
 colours      for curves
 """

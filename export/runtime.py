@@ -9,8 +9,8 @@ import json
 import numpy as np
 import onnxruntime
 
+from physics.by_tiles import by_tiles
 from physics.errors import InputError
-from physics.machinery.by_tiles import by_tiles
 from physics.machinery.threads import cores
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 

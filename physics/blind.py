@@ -11,7 +11,7 @@
 2. Clusters. Where part of the sky is hidden, 1 - e comes out too small, in all bands by about one
    factor. So pixels are clustered (K-means) by the direction of 1 - e, and the cluster's curve is
    the median of its most open pixels, where 1 - e is longest.
-3. Materials. With those curves as a library Eq. 6 is solved exactly (`local`): each pixel's
+3. Materials. With those curves as a library Eq. 6 is solved exactly (`exact.local`): each pixel's
    likeliest curve, T and V. As long as fewer than SHARE of the pixels lose NATS by a curve's
    absence, the one that is missed least is dropped. Then every curve is solved for in turn, by
    least squares over its pixels with a penalty on second differences. ROUNDS of that.

@@ -6,7 +6,7 @@ import numpy as np
 
 from .cube.dead_pixels import HOTTEST_K
 from .cube.heat_cube import check_wavelength, numbers
-from .errors import InputError
+from .errors import Implausible, InputError
 from .planck import brightness_temperature, radiance_derivative
 from .planck import radiance as planck_radiance
 from .prior import lighting_scale, scene_temperatures
@@ -48,9 +48,9 @@ class Environment:
                 f"environment: radiance must be (k, {w.size} bands) with k >= 1, got {s.shape}."
             )
         if not np.isfinite(s).all() or (s <= 0).any():
-            raise InputError("environment: radiance must be finite and positive.")
+            raise Implausible("environment: radiance must be finite and positive.")
         if (s > planck_radiance(w, HOTTEST_K)).any():
-            raise InputError(
+            raise Implausible(
                 f"environment: radiance looks hotter than {HOTTEST_K:.0f} K; give it in "
                 "W m-2 sr-1 um-1."
             )
@@ -77,9 +77,9 @@ class Environment:
             if array.shape[-1:] != (w.size,) or array.ndim != 2 - (name == "sky_mean"):
                 raise InputError(f"environment: {name} must hold {w.size} bands.")
             if not np.isfinite(array).all():
-                raise InputError(f"environment: {name} must be finite.")
+                raise Implausible(f"environment: {name} must be finite.")
             if name == "sky_mean" and (array <= 0).any():
-                raise InputError("environment: sky_mean must be positive.")
+                raise Implausible("environment: sky_mean must be positive.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         s.setflags(write=False)

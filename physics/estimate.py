@@ -15,12 +15,12 @@
    scene (`sky`), and how others deviate from it.
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
-   directions, and what far hotter pixels add (`hot`); `skylight_spread`: how the extrapolated
+   directions, and what far hotter pixels add (`cube.hot`); `skylight_spread`: how the extrapolated
    skies change with the air temperature.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
 the time does not grow with the cube; none of them is dead, saturated or far hotter than the rest
-(`hot`).
+(`cube.hot`).
 """
 
 from dataclasses import replace
@@ -40,11 +40,10 @@ from .errors import InputError
 from .machinery.blas import no_blas_threads
 from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
-from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
+from .sky import AIR_MASSES, MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
 SAMPLES = 6000
 SKY_CLUSTERS = 12
-AIR_MASSES = np.geomspace(0.1, 40, 60)  # of a sky
 # what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
 # at 11 um. With fewer bands than MANY, stone and glass are like a sky of some amount, too
 MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
@@ -92,7 +91,7 @@ def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
              sky, where none is in view
 
     Raises InputError for a wrong k, more objects than pixels, or a band without light
-    (`bad_bands` leaves such bands out).
+    (`cube.bad_bands` leaves such bands out).
     """
     if not isinstance(k, (int, np.integer)) or k < 1:
         raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")

@@ -3,7 +3,7 @@
 Let T and V of Eq. 4 have Gaussian priors instead of bounds, and write B(T) as a series in
 Hermite polynomials of t = (T - T_0) / tau, whose coefficients are uncorrelated with unit
 variance when t is a standard normal number. The spectrum of a pixel of hypothesis h (a
-material, pure or partly sky, as in `reduced`) is then Gaussian too. In noise units,
+material, pure or partly sky, as in `exact.reduced`) is then Gaussian too. In noise units,
 
     s ~ N(mu_h, C_h),     C_h = 1 + diag(g_h^2 error^2) + F_h' F_h
 
@@ -24,7 +24,7 @@ are the evidence, and mean and covariance of x = (x_V, x_T) given z: any other x
 one product of a matrix with a pixel's z and 1. Components are scaled by how far spectra differ in
 them, which makes z of order one, and |w|^2 is a sum of squares: float32 is enough for the pixels.
 
-This is what `local` computes exactly and far more slowly; it ranks materials almost as well,
+This is what `exact.local` computes exactly and far more slowly; it ranks materials almost as well,
 and a network can start from it. Plain torch operations of static shape in everything but sizes:
 the whole of it goes into an ONNX file.
 """

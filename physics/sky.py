@@ -48,6 +48,7 @@ HUMIDITY = 0.5  # of usual air, over what it can hold
 MOST_WATER_CM = 8.0
 TOP_KM = 50.0
 LAYERS = 28
+AIR_MASSES = np.geomspace(0.1, 40, 60)  # that a sky may be seen through
 
 
 @dataclass(frozen=True)

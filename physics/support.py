@@ -3,9 +3,9 @@
 For k = 1, 2, ... the environment is estimated and held against a sample of pixels: their
 evidence, summed over all materials,
 
-    F_k = -mean over pixels of log sum_m exp(-E_m),    E as in `local`, nats per pixel
+    F_k = -mean over pixels of log sum_m exp(-E_m),    E as in `exact.local`, nats per pixel
 
-has in it what the pixel had to tune of V (Occam, see `reduced`) and how far true surroundings
+has in it what the pixel had to tune of V (Occam, see `exact.reduced`) and how far true surroundings
 scatter about k objects (`Environment.spread`), so it rises again where more objects only fit
 better. Of all k the smallest is taken that is worse than the best by less than one standard error
 of their difference (Breiman et al. 1984). After PATIENCE values of k that are worse than the best

@@ -8,13 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import names_of, one_thread, said, traced  # noqa: F401
 
-from physics import HeatCube, MaterialLibrary
+from physics import HeatCube, InputError, MaterialLibrary
 from physics.air import Air
 from physics.environment import Environment
+from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, radiance
 from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
+from texnet.camera.calibration import _Scene
 from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
 from texnet.camera.distances import OCTAVES, _likeliest
 from texnet.files.cube_io import write_cube
@@ -49,6 +51,27 @@ def test_a_black_body_as_warm_as_the_air_looks_the_same_through_it(metres, kelvi
     air = Air.of(metres, kelvin, W, np.zeros(13))
     black = radiance(W, kelvin)
     np.testing.assert_allclose(air.transmittance * black + air.glow, black, rtol=1e-12)
+
+
+def test_behind_air_that_hides_all_nothing_is_likely():
+    """Where what it lets through is nothing, what a right camera would have shown has no end."""
+    cube, _ = traced("forest", 24)
+    hidden = Air(1e6, 285.0, (0.0,) * 24, tuple(radiance(cube.wavelength_um, 285.0)))
+    environment = estimate_environment(cube, LIBRARY, 5)
+    never = lambda *_: pytest.fail("there is nothing to look at")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        nats = _Scene(cube, environment, LIBRARY, never).nats(Calibration(air=hidden), {})
+    assert nats.shape == cube.radiance[0].ravel().shape and (nats == np.inf).all()
+
+
+def test_what_is_wrong_with_the_machine_is_no_unlikely_air():
+    cube, _ = traced("forest", 24)
+
+    def full(*_):
+        raise InputError("no room")
+
+    with pytest.raises(InputError, match="no room"):
+        _Scene(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, full).nats(RIGHT, {})
 
 
 @given(metres, metres, kelvins)

@@ -248,6 +248,17 @@ def test_a_small_picture_is_answered_with_the_whole_library(side, expects):
     assert (expected is not None) == (side > 3 and expects)
 
 
+def test_a_glance_that_sees_no_measurement_leaves_nothing_out(monkeypatch):
+    """As where every patch lies on rows of a detector that are dead."""
+    monkeypatch.setattr(glance, "PATCHES", 20)
+    dead = np.zeros((20, 16), bool)
+    dead[1::4] = dead[2::4] = True
+    cube = HeatCube(np.full((3, 20, 16), 7.0), [8.0, 9.0, 10.0], netd_k=0.05, dead=dead)
+    look = lambda part, seen: {"material_probability": np.full((5, *part.shape), 0.2)}
+    seen = glance.answer(lambda part, seen, *_: list(seen), look, cube, 5, False)
+    assert seen == [0, 1, 2, 3, 4]
+
+
 def test_what_is_seen_everywhere_is_expected_and_nothing_is_impossible():
     p = np.zeros((4, 6, 8), np.float32)
     p[2] = 1

@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from traced import averaged, names_of, one_thread, traced  # noqa: F401
 
 import texnet.circumstances
-import texnet.exact
+import texnet.solver
 from benchmarks import ONNX
 from export.runtime import Runtime
 from physics import Environment, HeatCube, InputError, MaterialLibrary
@@ -200,7 +200,7 @@ def test_a_library_that_does_not_reach_is_refused_before_the_work(
     def never(*args, **kwargs):
         raise AssertionError("worked first, complained later")
 
-    monkeypatch.setattr(texnet.exact, "solve_local", never)
+    monkeypatch.setattr(texnet.solver, "solve_local", never)
     with pytest.raises(InputError, match="cover .* um but the bands need"):
         decompose(cube, short, method=method, environment=environment if given else None)
 
@@ -309,6 +309,8 @@ def test_what_is_no_cube_or_library_is_refused(make_pixels):
             decompose(wrong)
     with pytest.raises(InputError, match="library must be a MaterialLibrary"):
         decompose(cube, "lib.json")
+    with pytest.raises(InputError, match="net needs one that takes refined=False"):
+        decompose(cube, method="net", model=Runtime(ONNX).run)
     with pytest.raises(InputError, match="names must be a list"):
         MaterialLibrary.starter().subset("water")
 

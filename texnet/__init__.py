@@ -13,8 +13,9 @@ pipeline    the pipeline: HeatCube in, Decomposition out
 circumstances  what lights a scene and what is wrong with or before the camera, from the cube
 camera      a package: what is wrong with or before the camera
 glance      which materials the scene holds, and where, from afar
-exact       methods local and sgd
-model       net+sgd as one module: evidence, network, refinement, texture
+methods     the four methods
+solver      local and sgd
+model       net and net+sgd as one module: evidence, network, refinement, texture
 network     TeXNet
 chunks      what pixels do by themselves, some thousand at a time
 budget      the most accurate method that fits a time budget

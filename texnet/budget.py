@@ -21,6 +21,7 @@ from physics.errors import InputError
 from physics.estimate import estimate_environment
 
 from .circumstances import USUAL_OBJECTS
+from .methods import NETS
 from .pipeline import decompose
 
 ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
@@ -56,18 +57,19 @@ def choose(cube, library, k, budget, model_of, progress=None):
         for _ in range(2):  # the first time loads
             d = run(thinned(cube, WARM), progress=progress)
         # of so many pixels as it is of all
-        calibration = d.seconds.get("calibration", 0.0) / (cube.shape[0] * cube.shape[1])
+        calibration = d.seconds["calibration"] / (cube.shape[0] * cube.shape[1])
         if not whole:  # the objects are counted, too
             calibration += d.seconds["environment"] / (cube.shape[0] * cube.shape[1])
         part = middle(cube, CROP)
         start = time.perf_counter()
-        run(part, environment=environment, progress=progress)
-        took = (time.perf_counter() - start) / (part.shape[0] * part.shape[1])
+        d = run(part, environment=environment, progress=progress)
+        took = time.perf_counter() - start - d.seconds["calibration"]  # of what is given
+        took /= part.shape[0] * part.shape[1]
         return 1e6 * (once + calibration + took)
 
     methods = best_first(cube.bands)
     if len(library) < 2:  # the network chooses between materials
-        methods = [method for method in methods if not method.startswith("net")]
+        methods = [method for method in methods if method not in NETS]
     return first_within(budget, methods, seconds)
 
 

@@ -58,16 +58,15 @@ def circumstances(
 ):  # fmt: skip
     """The Circumstances of a HeatCube for a MaterialLibrary.
 
-    look         (Environment, HeatCube, seen[, alike]) -> maps of its pixels by a method, as
-                 `pipeline` has them
-    k, environment, seed, progress  as `pipeline.decompose` takes them
+    look         methods.Look
+    k, environment, seed  as `pipeline.decompose` takes them, the environment at the cube's bands
+    progress     called as progress(done, total, what) where numba compiles what counts the objects
     lap          lap(stage) is called after each stage
 
-    Raises InputError where the library does not cover the bands, or the environment is of others.
+    Raises InputError where the library does not cover the bands, or the environment cannot be the
+    cube's.
     """
     lap = lap or (lambda stage: None)
-    if environment is not None:
-        environment.check_bands(cube.wavelength_um)
     ready, given = prepared(cube, library), environment
     if given is not None:
         given = given.only(np.isin(cube.wavelength_um, ready.stated_um))

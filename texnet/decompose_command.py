@@ -14,6 +14,7 @@ from physics.library import SKY
 from .commands import chosen_library
 from .files.cube_io import read_cube, truth_path
 from .loading import loading
+from .methods import NETS
 from .metrics import evaluate, names_lacking, non_sky
 
 # in texnet/data, its truth beside it; `texnet simulate forest --seed 1 --size 160x240 --bands 36
@@ -42,7 +43,7 @@ def decompose(args):
     @cache
     def runner(method):
         # a budget tries all methods, and local and sgd run on the CPU alone
-        on_cpu = budget is not None and not method.startswith("net")
+        on_cpu = budget is not None and method not in NETS
         return _runner(method, args.model, "cpu" if on_cpu else args.device)
 
     with ThreadPoolExecutor(1) as beside:  # the network loads while the cube is read
@@ -162,9 +163,9 @@ def _metrics(d, pictures, truth):
 
 def _runner(method, model, device):
     """What runs the network: ONNX Runtime for net+sgd; torch for other weights, net and GPUs."""
-    if device != "cpu" and method not in ("net", "net+sgd"):
+    if device != "cpu" and method not in NETS:
         raise InputError(f"--device: {method} runs on the CPU alone; take --method net+sgd.")
-    if method not in ("net", "net+sgd"):
+    if method not in NETS:
         if model is not None:
             raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
         return None

@@ -20,8 +20,8 @@ OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below whi
 EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel that says nothing
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
 # and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about as
-# often as their probability says; in sgd, whose neighbours share what few bands leave in doubt, no
-# more than so much times n^2 (a limit below four bands)
+# often as their probability says; in local at most once; in sgd, whose neighbours share what few
+# bands leave in doubt, at most so much times n^2 (a limit below four bands)
 LOCAL_TRUST, SGD_TRUST, SGD_TRUST_OF_FEW = 2.0, 1.2, 0.06
 # error of T beyond what the library's other materials say, if the material is wrong: added in
 # quadrature, weighted by the chance of that; a network's probabilities, which hold what `glance`
@@ -37,6 +37,16 @@ SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
 FOUND_K, SHARE = 0.25, 0.7
 ROWS = 256  # at once
 GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
+
+
+def local_trust(bands):
+    """What log evidence of so many bands counts in local."""
+    return min(LOCAL_TRUST * bands**-0.5, 1.0)
+
+
+def smooth_trust(bands):
+    """The same in sgd."""
+    return min(SGD_TRUST * bands**-0.5, SGD_TRUST_OF_FEW * bands**2)
 
 
 def fits(residual, bands):

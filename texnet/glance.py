@@ -61,9 +61,12 @@ def answer(run, look, cube, materials, expects):
     if max(cube.shape) < 2 * PATCH or not (enough or expects):
         return run(cube, every)
     step = min(STEP, max(PATCH, step))
-    probability = look(from_afar(cube, step), every)["material_probability"]
+    afar = from_afar(cube, step)
+    probability = look(afar, every)["material_probability"]
     if cube.dead.any():
         probability = np.where(_all_dead(cube, step), np.nan, probability)
+    if not np.isfinite(probability).any():  # no patch was measured
+        return run(cube, every)
     if not enough:
         return run(cube, every, Expected(expected(probability), step))
     seen = materials_seen(probability)

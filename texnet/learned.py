@@ -9,9 +9,9 @@ from threading import Lock
 
 import torch
 
+from physics.by_tiles import by_tiles
 from physics.errors import InputError
 from physics.evidence import Known
-from physics.machinery.by_tiles import by_tiles
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 from physics.refinement import STEPS
 
@@ -33,7 +33,7 @@ def torch_model(network=None, *, steps=STEPS, device="cpu"):
     refined   True: net+sgd, of so many steps; False: net, the network's proposal as it is
     """
     check_device(device)
-    network, gpu = network or shipped_network(), device == "cuda"
+    network, gpu = shipped_network() if network is None else network, device == "cuda"
     # the same one in all threads
     there = torch.device("cuda", torch.cuda.current_device()) if gpu else torch.device("cpu")
     network = deepcopy(network).to(there)

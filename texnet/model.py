@@ -10,7 +10,8 @@ against it as much as the network trusts the pixel's evidence:
 
 so a material may change. T and V are the best hypothesis's; sigma of T holds the doubt about
 m. X = V S + D, D being the deviation of the surroundings from the k objects that the rest of
-the pixel's spectrum speaks for, and the sky-lit texture is the sky's part of it (`distill`).
+the pixel's spectrum speaks for, and the sky-lit texture is the sky's part of it
+(`physics.exact.distill`).
 """
 
 from functools import partial
@@ -158,10 +159,10 @@ def _answer(
     temperature = torch.where(empty, air, temperature)
 
     final = torch.where(empty, best, before)
-    hot = one_hot(row.gather(0, final)[0], 2 * materials)
+    chosen = one_hot(row.gather(0, final)[0], 2 * materials)
     x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
-    off = deviations(h, z, x, hot, t, v)
-    texture, sky_texture, misfit = _texture(known, h, spectra, hot, temperature, v, off)
+    off = deviations(h, z, x, chosen, t, v)
+    texture, sky_texture, misfit = _texture(known, h, spectra, chosen, temperature, v, off)
     # a misfit beyond the noise widens sigma (Birge's ratio)
     variance = variance * misfit.clamp(min=1) ** 2 + NET_OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
     sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
@@ -228,10 +229,10 @@ def _unrefined(b, row, t, lighting, width):
     )
 
 
-def _texture(known, h, spectra, hot, temperature, v, off):
-    """X (bands, P), its sky-lit band mean and the residual (P,) of the hot hypotheses (R, P)."""
-    sky, share = known.is_sky, of_rows(h.share, hot)
-    of_m = hot[: sky.shape[0]] + hot[sky.shape[0] :]
+def _texture(known, h, spectra, chosen, temperature, v, off):
+    """X (bands, P), its sky-lit band mean and the residual (P,) of the hypotheses chosen (R, P)."""
+    sky, share = known.is_sky, of_rows(h.share, chosen)
+    of_m = chosen[: sky.shape[0]] + chosen[sky.shape[0] :]
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
     glow = (of_rows(e, of_m) * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
@@ -239,10 +240,10 @@ def _texture(known, h, spectra, hot, temperature, v, off):
     texture = known.environment.t() @ v + known.spread.t() @ off[:n] + skylight
     of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[d:-1]
     rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, of_m)) * texture) + share * of_sky
-    rendered = rendered + of_rows(h.rim, hot) * off[-1]
+    rendered = rendered + of_rows(h.rim, chosen) * off[-1]
     misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
-    of_sky = v * known.sky_object[:, None]
-    lit = known.environment.mean(1) @ of_sky + of_sky.sum(0) * skylight.mean(0)
+    v_sky = v * known.sky_object[:, None]
+    lit = known.environment.mean(1) @ v_sky + v_sky.sum(0) * skylight.mean(0)
     return texture, torch.where(known.sky_object.max() > 0, lit, misfit), misfit
 
 

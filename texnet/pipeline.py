@@ -2,11 +2,7 @@
 
 First come the circumstances: bands, noise, the environment, and what is wrong with or before the
 camera, which is corrected (`circumstances`). Then a glance from afar at what materials there are
-and where (`glance`), and then
-
-net, net+sgd   evidence -> network -> refinement and texture
-local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
-               distilled texture, with how sure each part is
+and where (`glance`), and then every pixel is answered, by one of four `methods`.
 
 Pixels that are far hotter than the rest are taken out before, and solved apart
 (`physics.cube.hot`).
@@ -16,6 +12,7 @@ import math
 import time
 from dataclasses import dataclass, field
 from functools import partial
+from inspect import signature
 
 import numpy as np
 
@@ -23,11 +20,8 @@ from physics.cube import hot
 from physics.cube.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.environment import Environment
 from physics.errors import InputError
-from physics.expected import only
-from physics.known import MAX_T, known_arrays
 from physics.library import MaterialLibrary
 from physics.machinery import scratch
-from physics.planck import brightness_temperature
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 from . import glance
@@ -39,9 +33,9 @@ from .doubt import (
     with_calibration_error,
     with_level_error,
 )
+from .methods import METHODS, NETS, by_network, by_solver
 from .progress import compiling
 
-METHODS = ("local", "sgd", "net", "net+sgd")
 MOST_OBJECTS = 10  # of the environment
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
@@ -91,7 +85,7 @@ class Decomposition:
     netd_k                NETD that was assumed of the corrected cube, K
     noise_raised          its ratio to the camera's: above 1 where the fit asks for more noise, or
                           the camera has less than what k objects leave out
-    objective             E of `physics.exact.semiglobal` along the refinement, nats; () for local
+    objective             E of `physics.exact.semiglobal` along the refinement, nats; () but for sgd
     seconds               time by stage
     """
 
@@ -174,7 +168,7 @@ def decompose(
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
     """
-    _check(cube, library, environment, method, k, seed, calibration_error_k)
+    _check(cube, library, environment, method, k, seed, calibration_error_k, model)
     library = library or MaterialLibrary.starter()
     seconds, clock = {}, time.perf_counter()
 
@@ -185,29 +179,28 @@ def decompose(
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
-    nets = method.startswith("net")
-    if nets and model is None:
-        from .learned import torch_model  # torch takes a second to load
+    if method in NETS:
+        if model is None:
+            from .learned import torch_model  # torch takes a second to load
 
-        model = torch_model()
-    if nets:
-        look, run = by_network(library, model, method == "net+sgd", report("network"))
+            model = torch_model()
+        look, run, expects = by_network(library, model, method == "net+sgd", report("network"))
     else:
-        look, run = _exactly(library, method == "sgd", report, lap)
-    with compiling(None if nets else progress):
+        look, run, expects = by_solver(library, method == "sgd", report, lap)
+    lap("loading")
+    with compiling(progress if method not in NETS else None):  # which loads numba
         of = circumstances(
             cube, library, look,
             k=k, environment=environment, seed=seed, lap=lap, progress=progress,
         )  # fmt: skip
         cold, burns, burning = hot.parted(of.cube)
         maps = glance.answer(
-            partial(run, of.environment), partial(look, of.environment), cold, len(library),
-            expects=nets,
-        )  # fmt: skip
-    if nets:
+            partial(run, of.environment), partial(look, of.environment), cold, len(library), expects
+        )
+    if method in NETS:
         lap("network")
     if burns.any():
-        from .exact import solve_hot  # numba takes a second to load
+        from .solver import solve_hot  # numba takes a second to load
 
         with compiling(progress):
             of_hot = solve_hot(cold, burning, library, of.environment)
@@ -250,7 +243,7 @@ def _doubted(maps, library, of, calibration_error_k):
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 
 
-def _check(cube, library, environment, method, k, seed, calibration_error_k):
+def _check(cube, library, environment, method, k, seed, calibration_error_k, model):
     """Raise InputError where an argument of decompose is wrong."""
     if not isinstance(cube, HeatCube):
         raise InputError(
@@ -267,8 +260,15 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
             f"decompose: environment must be an Environment, as texnet.Environment(radiance, "
             f"wavelength_um) makes one, got {type(environment).__name__}."
         )
+    if environment is not None:
+        environment.check_bands(cube.wavelength_um)
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
+    if method == "net" and model and "refined" not in signature(model).parameters:
+        raise InputError(
+            "decompose: model holds net+sgd alone; net needs one that takes refined=False, as "
+            "texnet.learned.torch_model makes it."
+        )
     if not (k is None or _whole(k, 1, MOST_OBJECTS) or isinstance(k, str) and k == "auto"):
         raise InputError(
             f"decompose: k must be a whole number 1..{MOST_OBJECTS} or auto, got {k!r}."
@@ -280,52 +280,6 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k):
         raise InputError(
             f"decompose: calibration_error_k must be 0-{MAX_NETD_K:g} K, got {calibration_error_k}."
         )
-
-
-def by_network(library, model, refined=True, progress=None):
-    """look and run: (Environment, HeatCube, seen[, expected, regions, alike]) -> maps, as `glance`
-    wants them of an environment: by net+sgd; and, refined or not, with progress. The evidence of
-    answers that were given the same dict alike can be compared; of all others it cannot."""
-
-    def answer(
-        model, progress, environment, part, seen, expected=None, regions=None, alike=None
-    ):  # fmt: skip
-        known = only(known_arrays(part, library, environment), seen)
-        if alike is not None:
-            known["basis"] = alike.setdefault("basis", known["basis"])
-        maps = model(part.radiance, known, progress, expected, regions)
-        return maps | {"temperature_sigma_k": _cut_off(maps, known["prior_k"], part)}
-
-    of_run = model if refined else partial(model, refined=False)
-    return partial(answer, model, None), partial(answer, of_run, progress)
-
-
-def _cut_off(maps, prior_k, cube):
-    """(height, width) sigma of T, where that was cut off no less than how far from it the pixel of
-    a HeatCube looks."""
-    t, sigma, (usual, spread) = maps["temperature_k"], maps["temperature_sigma_k"], prior_k
-    cut = np.abs(t - usual) > 0.999 * MAX_T * spread
-    if not cut.any():
-        return sigma
-    looks = brightness_temperature(cube.wavelength_um[:, None], cube.radiance[:, cut]).max(axis=0)
-    sigma = sigma.copy()
-    sigma[cut] = np.maximum(sigma[cut], np.abs(looks - t[cut]))
-    return sigma
-
-
-def _exactly(library, smooth, report, lap):
-    """The same of local and sgd, which have no use for expected and alike; look, which never
-    smooths, reports nothing."""
-    from .exact import solve  # numba takes a second to load
-
-    def answer(
-        smooth, report, lap, environment, part, seen, expected=None, regions=None, alike=None
-    ):  # fmt: skip
-        there = library.subset([library.names[i] for i in seen])
-        return solve(part, there, environment, regions, smooth, report, lap)
-
-    quiet = lambda _: None
-    return partial(answer, False, quiet, quiet), partial(answer, smooth, report, lap)
 
 
 def _whole(value, low, high):

@@ -18,10 +18,10 @@ import numpy as np
 import torch
 
 from physics.machinery.provenance import fingerprint
-from texnet.circumstances import circumstances
+from texnet.circumstances import USUAL_OBJECTS, circumstances
 from texnet.files.library_io import with_sky
 from texnet.learned import check_device, torch_model
-from texnet.pipeline import by_network
+from texnet.methods import by_network
 
 from .crops import Crops
 from .reshade import ReshadedSet
@@ -31,7 +31,6 @@ LEARNING_RATE = 5e-4  # a quarter of training's
 PHYSICS_LEARNING_RATE = 1e-4  # Eq. 1 alone says little of materials: keep near what is known
 PER_EPOCH = 160  # draws
 SCENES, EPOCHS = 48, 3  # 3 % of the scenes and of the draws of `train`
-K = 5  # objects, as `decompose` takes if nobody says
 HELD_OUT = 8  # validation scenes, or crops of the cubes, measured before and after
 
 
@@ -100,10 +99,10 @@ def finetune(
 
 
 def calibrated(cube, library, network, device="cpu"):
-    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet, and
-    whether that assumes a sky. Raises InputError as that does."""
-    look, _ = by_network(library, torch_model(network, device=device))
-    of = circumstances(cube, library, look, k=min(K, cube.measured_count))
+    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet with
+    USUAL_OBJECTS, and whether that assumes a sky. Raises InputError as that does."""
+    look = by_network(library, torch_model(network, device=device)).look
+    of = circumstances(cube, library, look, k=min(USUAL_OBJECTS, cube.measured_count))
     return of.cube, of.sky_assumed
 
 

@@ -9,7 +9,7 @@ NaN or infinity, in as many pixels as it may be.
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import Implausible
 from ..machinery import scratch
 from ..planck import radiance as planck
 
@@ -65,7 +65,7 @@ def dead_pixels(radiance, wavelength_um, stated=False):
     empty |= stated
     of = empty.size - np.count_nonzero(empty)
     if not of:
-        raise InputError("cube: all of its pixels are zero, NaN or infinite in every band.")
+        raise Implausible("cube: all of its pixels are zero, NaN or infinite in every band.")
     dead, share, misleads = empty.copy(), np.zeros(len(radiance)), False
     for b in np.flatnonzero(suspect):
         bad = _bad(radiance[b], limit[b]) & ~empty
@@ -80,7 +80,7 @@ def dead_pixels(radiance, wavelength_um, stated=False):
     if max(half, dead_of_them) > FEW:
         b = np.flatnonzero(share if half > FEW else (share > 0) & (share <= FEW))[0]
         row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]
-        raise InputError(
+        raise Implausible(
             f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero or negative, NaN or "
             f"infinite, or hotter than {HOTTEST_K:.0f} K), the first at {wavelength_um[b]:.5g} um, "
             f"row {row}, column {column} ({radiance[b, row, column]:.4g}), and at most {FEW:.0%} "

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import Implausible, InputError
 from ..machinery import scratch
 from ..planck import brightness_temperature, noise_sigma
 from .dead_pixels import dead_pixels, filled, lifted, without_dead
@@ -105,7 +105,7 @@ class HeatCube:
         typical_k = np.median([brightness_temperature(w[b], np.median(s[b])) for b in some])
         low, high = TYPICAL_K
         if not low <= typical_k <= high:
-            raise InputError(
+            raise Implausible(
                 f"cube: half of it looks {'hotter' if typical_k > high else 'colder'} than "
                 f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1, as texnet import makes it "
                 "(1 microflick is 0.01 of it)."

@@ -16,7 +16,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..exact.reduced import Temperatures
 from ..machinery import scratch
 from ..planck import brightness_temperature, radiance, radiance_derivative
 from .heat_cube import MAX_NETD_K
@@ -68,11 +67,3 @@ def netd_k(cube, hot):
     """K at 300 K: noise of a HeatCube that hot (bands, n) have, as far as it is KNOWN."""
     off = np.median(hot, axis=1) / radiance_derivative(cube.wavelength_um, 300.0)
     return min(float(np.hypot(cube.netd_k, KNOWN * off.mean())), MAX_NETD_K)
-
-
-def temperatures(wavelength_um, hot):
-    """The Temperatures of hot (bands, n)."""
-    t = brightness_temperature(wavelength_um[:, None], hot)
-    mean = t.mean(axis=0)
-    usual = float(np.median(t.max(axis=0)))
-    return Temperatures.of(float(mean.min()), float(mean.max()), usual, float(mean.std()))

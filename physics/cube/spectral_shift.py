@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..bands import quadrature
-from ..estimate import AIR_MASSES
 from ..planck import brightness_temperature, radiance, radiance_derivative
+from ..sky import AIR_MASSES
 
 LOW_UM, HIGH_UM = 8.5, 11.0  # the bands that are looked at, ozone well inside
 EDGE_UM = 0.25  # they reach as near to LOW_UM and HIGH_UM

@@ -6,6 +6,5 @@ provenance  what made a result that is kept on disk
 scratch     large arrays in files without a name
 threads     many items, some at a time
 tiles       pictures of any size in tiles
-by_tiles    a model's answer to a picture, tile by tile
 blas        BLAS's own threads, where they would be in the way
 """

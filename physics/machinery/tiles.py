@@ -33,10 +33,10 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
     """
     height, width = image.shape[-2:]
     down, across = cuts or ((0, height), (0, width))
-    alone = at_once if len(down) + len(across) == 4 else 1  # else other parts keep them busy
+    sharing = at_once if len(down) + len(across) == 4 else 1  # else other parts keep them busy
     tiles = []
     for (y0, y1), (x0, x1) in product(pairwise(down), pairwise(across)):
-        rows, columns = tile_size(y1 - y0, x1 - x0, halo, pixels, multiple, alone)
+        rows, columns = tile_size(y1 - y0, x1 - x0, halo, pixels, multiple, sharing)
         for y, x in product(range(y0, y1, rows), range(x0, x1, columns)):
             tiles.append((y, x, min(rows, y1 - y), min(columns, x1 - x)))
     maps, writing = {}, Lock()
@@ -47,10 +47,10 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
         tile = image[..., top : y + h + halo, left : x + w + halo]
         answer = run(tile.copy(), np.array([y - top, x - left, h, w]), (top, left))
         with writing:
-            for name, part in answer.items():
+            for name, map_ in answer.items():
                 if name not in maps:
-                    maps[name] = scratch.empty((*part.shape[:-2], height, width), part.dtype)
-                maps[name][..., y : y + h, x : x + w] = part
+                    maps[name] = scratch.empty((*map_.shape[:-2], height, width), map_.dtype)
+                maps[name][..., y : y + h, x : x + w] = map_
                 scratch.release(maps[name])
             scratch.release(image)
 

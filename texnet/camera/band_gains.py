@@ -31,10 +31,10 @@ LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
 MOST = 0.15  # that a logarithm of a gain may be
 
 
-def band_gains(cube, environment, look, library, quarter):
+def band_gains(cube, environment, explain, library, quarter):
     """Calibration of a HeatCube by the gains of its bands; None where one material alone is left.
 
-    look     (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
+    explain  (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
              residual are used
     quarter  residual of pixels, in noise units -> that of those that fit best
     """
@@ -43,7 +43,7 @@ def band_gains(cube, environment, look, library, quarter):
     for _ in range(STEPS):
         found = Calibration(noise=noise, bands=tuple(np.exp(log_gain).tolist()))
         surroundings, part = corrected_environment(environment, found), corrected(cube, found)
-        maps = look(surroundings, part)
+        maps = explain(surroundings, part)
         left = quarter(maps) * part.netd_k / cube.netd_k
         at += left > HELPS * least
         if left > least:  # the step is taken back
@@ -61,7 +61,7 @@ def band_gains(cube, environment, look, library, quarter):
 
 
 def ground(maps, library):
-    """Which pixels are not sky, of maps of `model.TeX`."""
+    """Which pixels are not sky, of maps by name."""
     return maps["material"] != (-1 if library.sky_index is None else library.sky_index)
 
 

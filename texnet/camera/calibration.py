@@ -36,7 +36,7 @@ import numpy as np
 from physics.air import Air
 from physics.cube.heat_cube import MAX_NETD_K, HeatCube
 from physics.environment import Environment
-from physics.errors import InputError
+from physics.errors import Implausible
 from physics.estimate import OPAQUE_UM
 from physics.library import MaterialLibrary
 from physics.machinery import scratch
@@ -74,31 +74,32 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
     RIGHT if nothing is wrong, or too little is there to say so.
 
-    look      (Environment, HeatCube, seen, alike=) -> maps of its pixels by a method, as `pipeline`
-              has them
+    look      methods.Look
     library   MaterialLibrary of what may be seen
     left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
     in_view   whether the environment's sky, if it has one, is in view, not assumed
     """
     part = _sample(cube, left_out)
-    if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
+    if part is None:
         return RIGHT
     sky = in_view and environment.sky_mean is not None
     scene = _Scene(part, environment, library, look)
-    few, just = _limits(cube)
+    just = _just(cube)
     nats_of = cache(partial(scene.nats, alike={}))
-    found, misfit = RIGHT, scene.left(RIGHT, few)
+    found, misfit = RIGHT, scene.left(RIGHT)
     noise = _with_noise(RIGHT, misfit, cube).noise  # that it takes if nothing else is wrong
+    tried = {RIGHT}
     for likelier in _likelier(nats_of, part, environment, sky):
-        if likelier == RIGHT or _likelier_without_air(nats_of, likelier, noise):
+        if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
             continue
-        left = scene.left(likelier, few)
+        tried.add(likelier)
+        left = scene.left(likelier)
         if left <= just + RISE or likelier.air and left - 1 < AIR_LEAVES * (misfit - 1):
             found, misfit = likelier, left
             break
-    if misfit > just + RISE and not few and len(environment) >= LEAST_OBJECTS:
+    if misfit > just + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quarter)
-        if evened is not None and (less := scene.left(evened, few)) <= just:
+        if evened is not None and (less := scene.left(evened)) <= just:
             found, misfit = evened, less
     return _with_noise(found, misfit, cube)
 
@@ -132,19 +133,24 @@ def _about_air_k(part, environment):
     return max(sky_k, np.median(brightness_temperature(w[:, None, None], part.radiance)))
 
 
-def _limits(cube):
-    """Whether a HeatCube has few bands, and what is left of it, if all is right, at most."""
-    return cube.bands < LEAST_FOR_GAINS, JUST + PER_BAND / cube.bands
+def _few(cube):
+    """Whether a HeatCube has few bands."""
+    return cube.bands < LEAST_FOR_GAINS
+
+
+def _just(cube):
+    """What is left of a HeatCube, if all is right, at most."""
+    return JUST + PER_BAND / cube.bands
 
 
 def _with_noise(found, misfit, cube):
     """A Calibration of a HeatCube with the noise that it takes to explain a misfit."""
-    few, just = _limits(cube)
+    just = _just(cube)
     if misfit <= just:
         return found
     # no step, for what lies just beside it
     share = min((misfit - just) / RAMP, 1.0)
-    most, all_of_it = MAX_NETD_K / cube.netd_k, misfit * (MORE_OF_FEW if few else MORE)
+    most, all_of_it = MAX_NETD_K / cube.netd_k, misfit * (MORE_OF_FEW if _few(cube) else MORE)
     noise = min(round(all_of_it**share, 3), most)
     doubt = min(DOUBT * share**0.5 * all_of_it, most)
     return found._replace(noise=noise, misfit=misfit, doubt=doubt) if noise > 1 else found
@@ -159,7 +165,7 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
     Mirrors do not count: they may be of anything, even of themselves, as an object that was found
     in the picture has their very spectrum."""
     part = _sample(cube, left_out)
-    if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
+    if part is None:
         return False
     alike, found = {}, found._replace(noise=1.0, misfit=1.0, doubt=0.0)
     seen = np.flatnonzero(~library.mirrors(cube.wavelength_um))
@@ -181,11 +187,10 @@ def of_given(cube, environment, look, library, left_out=None):
     the camera. What it does not explain as it was given may as well be of the library or the
     camera, which mislead likewise, so it is noise, too."""
     part = _sample(cube, left_out)
-    if cube.bands < LEAST_BANDS or part.radiance[0].size < LEAST_PIXELS:
+    if part is None:
         return RIGHT, 0.0
     of = {k: _Scene(part, environment.off_by(k), library, look) for k in (0.0, *ERRORS_K)}
-    few, alike = _limits(cube)[0], {}
-    noisy = _with_noise(RIGHT, of[0.0].left(RIGHT, few), cube)
+    alike, noisy = {}, _with_noise(RIGHT, of[0.0].left(RIGHT), cube)
     all_nats = {k: scene.nats(RIGHT, alike) for k, scene in of.items()}
     loss = losses(all_nats)
     likeliest = min(loss, key=loss.get)
@@ -207,15 +212,15 @@ class _Scene(NamedTuple):
 
     def maps(self, environment, part, alike=None):
         seen = np.arange(len(self.library)) if self.seen is None else self.seen
-        return self.look(environment, part, seen, alike=alike)
+        return self.look(environment, part, seen, alike)
 
     def nats(self, c, alike):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
         try:
             surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
             nats = -self.maps(surroundings, part, alike)["log_evidence"].ravel().astype(np.float64)
-        except InputError:  # nothing looks like that
-            return np.full(part.radiance[0].size, np.inf)
+        except Implausible:  # nothing looks like that
+            return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)
 
     def quarter(self, maps):
@@ -223,7 +228,7 @@ class _Scene(NamedTuple):
         residual = maps["residual"][ground(maps, self.library) & np.isfinite(maps["residual"])]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
-    def left(self, c, few):
+    def left(self, c):
         """The same of what is corrected by a Calibration, in noise units as stated."""
         stated = corrected(self.part, c).netd_k
 
@@ -233,7 +238,7 @@ class _Scene(NamedTuple):
             maps = self.maps(corrected_environment(self.environment, noisy), taken)
             return self.quarter(maps) * (taken.netd_k / stated)
 
-        return _left(at, rises=few)
+        return _left(at, rises=_few(self.part))
 
 
 def _left(at, rises):
@@ -255,7 +260,9 @@ def _left(at, rises):
 
 def _sample(cube, left_out=None):
     """A HeatCube of about SAMPLES of its pixels, in rows and columns; row by row without those that
-    are left out."""
+    are left out. None where too few bands or pixels are there to say anything."""
+    if cube.bands < LEAST_BANDS:
+        return None
     height, width = cube.shape
     good = np.ones(cube.shape, bool) if left_out is None else ~left_out
     pixels = min(SAMPLES * good.size // max(1, np.count_nonzero(good)), MOST_SAMPLES)
@@ -265,7 +272,9 @@ def _sample(cube, left_out=None):
     radiance = np.stack([band[::down, ::across] for band in bands])
     good = good[::down, ::across]
     there = np.flatnonzero(good)
-    if 0 < there.size < good.size:
+    if there.size < LEAST_PIXELS:
+        return None
+    if there.size < good.size:
         columns = min(good.shape[1], there.size)
         there = there[: there.size // columns * columns].reshape(-1, columns)
         radiance = radiance.reshape(cube.bands, -1)[:, there]

@@ -54,19 +54,18 @@ RIGHT = Calibration()
 
 def corrected(cube, c, distance_m=None):
     """The HeatCube that a right camera would have shown, of a Calibration; distance_m (height,
-    width) of the Air before each pixel, that of the Calibration if None."""
+    width) of the Air before each pixel, that of the Calibration if None, as whose noise all of it
+    has."""
     noise = c.noise * (c.air.noise if c.air else 1.0)
     netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
-    if distance_m is None:
-        at, some = 0, [c]
-    else:
-        at, some = _by_distance(distance_m, c, cube)
+    at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, cube)
     all_of = np.array([_offset_and_gain(cube.wavelength_um, c) for c in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
-        radiance[b] = _corrected(band, *all_of[:, :, b].T[:, at])
+        offset, gain = all_of[at, 0, b], all_of[at, 1, b]
+        radiance[b] = _corrected(band, offset, gain)
         scratch.release(radiance)
     radiance.setflags(write=False)
     return replace(cube, radiance=radiance, netd_k=netd_k)

@@ -12,11 +12,12 @@ taken to be as far as usual: there it matters least.
 """
 
 import math
+from contextlib import suppress
 
 import numpy as np
 
 from physics.air import Air
-from physics.errors import InputError
+from physics.errors import Implausible
 from physics.expected import Expected
 
 from ..doubt import over_nine
@@ -33,8 +34,7 @@ def distances(cube, environment, look, materials, found):
     """(height, width) float32 m to what each pixel of a HeatCube shows, as its camera has it.
 
     environment  Environment without air and what else is wrong
-    look         (Environment, HeatCube, seen, expected, regions, alike) -> maps of its pixels by a
-                 method, as `pipeline` has them;  materials  how many it chooses from
+    look         methods.Look;  materials  how many it chooses from
     found        Calibration with the Air of the whole picture
     """
     step = max(PATCH, math.ceil(math.sqrt(cube.radiance[0].size / PATCHES)))
@@ -42,11 +42,9 @@ def distances(cube, environment, look, materials, found):
     nats = np.full((len(OCTAVES), *afar.shape), np.inf)
     for i, metres in enumerate(found.air.metres * 2**OCTAVES):
         air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
-        try:
+        with suppress(Implausible):  # nothing looks like that
             there = corrected(afar, found._replace(air=air))
-            nats[i] = -look(environment, there, every, alike=alike)["log_evidence"]
-        except InputError:  # nothing looks like that
-            continue
+            nats[i] = -look(environment, there, every, alike)["log_evidence"]
     octaves = _likeliest(nats)
     nearer = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
     return np.float32(found.air.metres) * 2**nearer

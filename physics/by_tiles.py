@@ -3,10 +3,10 @@ Runtime (`export.runtime`), to which this tells what is expected and what is loo
 
 import numpy as np
 
-from ..errors import InputError
-from ..expected import among_all, only
-from ..known import bytes_per_pixel
-from .tiles import run_tiled
+from .errors import InputError
+from .expected import among_all, only
+from .known import bytes_per_pixel
+from .machinery.tiles import run_tiled
 
 
 def by_tiles(
@@ -16,8 +16,8 @@ def by_tiles(
     """Maps (..., height, width) by name, material int16 among all materials.
 
     answer      (known, tile, log_expected, inner) -> maps of a tile (bands, h, w) of which it
-                answers inner, see `tiles.run_tiled`; known and log_expected (materials, h, w) hold
-                the materials that are looked for there alone
+                answers inner, see `machinery.tiles.run_tiled`; known and log_expected (materials,
+                h, w) hold the materials that are looked for there alone
     radiance    (bands, height, width) W m-2 sr-1 um-1
     known       dict of float32 arrays as `physics.known.known_arrays` makes it
     expected    physics.expected.Expected of the materials; nothing is if None

@@ -8,7 +8,7 @@ import numpy as np
 from physics.cube import hot
 from physics.exact.distill import distill
 from physics.exact.local import solve_local
-from physics.exact.reduced import reduce_model
+from physics.exact.reduced import Temperatures, reduce_model
 from physics.exact.semiglobal import Objective, refine, unsmoothed
 from physics.machinery.blas import no_blas_threads
 from physics.machinery.tiles import TILE_BYTES, run_tiled
@@ -18,56 +18,71 @@ from .doubt import (
     AIR_SIGMA_K,
     EVEN,
     LIKELY,
-    LOCAL_TRUST,
     OTHER_K,
     OWN_PROBABILITY,
     RIM_NATS,
-    SGD_TRUST,
-    SGD_TRUST_OF_FEW,
     fits,
+    local_trust,
+    smooth_trust,
 )
 
 HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
 
-def solve(cube, library, environment, regions, smooth, report, lap):
-    """Maps of a Decomposition by name, and "objective".
+def solve_each(cube, library, environment, regions=None, progress=None):
+    """Maps of a Decomposition by name: every pixel of a HeatCube by itself, tile by tile.
 
-    regions  physics.expected.Regions, whose materials alone local looks for; of all if None
-    smooth   sgd, which needs the whole cube at once; else local, tile by tile
+    regions   physics.expected.Regions, whose materials alone are looked for; of all if None
+    progress  called as progress(done, total)
+    """
+    model = _compiled(cube, library, environment)
+    with no_blas_threads():
+        return _by_tiles(model, cube.radiance, numba.get_num_threads(), regions, progress)
+
+
+def solve_smooth(cube, library, environment, report, lap):
+    """The same, and "objective", with smoothness of T and m, which needs the whole cube at once.
+
     report   report(what) gives a progress(done, total) or None
     lap      lap(stage) is called after each stage
     """
-    model = reduce_model(cube, library, environment)
-    threads = numba.get_num_threads()
-    solve_local(model, cube.pixels([0]), threads=1)  # compiled here, where it can be interrupted
-
+    model = _compiled(cube, library, environment)
     with no_blas_threads():
-        if smooth:
-            local = solve_local(model, cube.spectra, report("local"))
-            lap("local")
-            objective = Objective(model, cube, local)
-            answer = refine(objective, objective.local_state(), report("refine"))
-            lap("refine")
-            trust = min(SGD_TRUST * cube.bands**-0.5, SGD_TRUST_OF_FEW * cube.bands**2)
-            maps = _maps(cube.radiance, model, local, answer, trust, threads)
-            lap("texture")
-            return maps | {"objective": answer.objective}
-        maps = _by_tiles(model, cube.radiance, threads, regions, report("local"))
+        local = solve_local(model, cube.spectra, report("local"))
         lap("local")
-        return maps
+        objective = Objective(model, cube, local)
+        answer = refine(objective, objective.local_state(), report("refine"))
+        lap("refine")
+        trust = smooth_trust(cube.bands)
+        maps = _maps(cube.radiance, model, local, answer, trust, numba.get_num_threads())
+        lap("texture")
+    return maps | {"objective": answer.objective}
+
+
+def _compiled(cube, library, environment):
+    """The ReducedModel, after the solver was compiled, here, where that can be interrupted."""
+    model = reduce_model(cube, library, environment)
+    solve_local(model, cube.pixels([0]), threads=1)
+    return model
 
 
 def solve_hot(cube, radiance, library, environment):
     """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, of
     radiance (bands, n), as `physics.cube.hot` parts them."""
     noisy = replace(cube, netd_k=hot.netd_k(cube, radiance))
-    of_hot = hot.temperatures(cube.wavelength_um, radiance)
-    model = reduce_model(noisy, library, environment, of_hot)
+    model = reduce_model(noisy, library, environment, _of_hot(cube.wavelength_um, radiance))
     with no_blas_threads():
         maps = _by_tiles(model, radiance[:, None], numba.get_num_threads())
     return {name: a[..., 0, :] for name, a in maps.items()}
+
+
+def _of_hot(wavelength_um, hot):
+    """The Temperatures of hot (bands, n)."""
+    t = brightness_temperature(wavelength_um[:, None], hot)
+    mean = t.mean(axis=0)
+    usual = float(np.median(t.max(axis=0)))
+    return Temperatures.of(float(mean.min()), float(mean.max()), usual, float(mean.std()))
 
 
 def _by_tiles(model, radiance, threads, regions=None, progress=None):
@@ -78,7 +93,7 @@ def _by_tiles(model, radiance, threads, regions=None, progress=None):
         spectra = part.reshape(bands, -1).T
         among = regions and regions.at(*corner)
         local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1, among=among)
-        return _maps(part, model, local, unsmoothed(local), min(1.0, LOCAL_TRUST * bands**-0.5), 1)
+        return _maps(part, model, local, unsmoothed(local), local_trust(bands), 1)
 
     each = BYTES_PER_MATERIAL * len(model.library) + BYTES_PER_BAND * bands
     cuts = regions and regions.cuts
@@ -101,6 +116,8 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
 
 
 def _maps(radiance, model, local, answer, trust, threads):
+    """Maps by name of radiance (bands, height, width), of what `physics.exact` made of it, of
+    which log evidence counts trust times."""
     state, bands, library = answer.state, len(radiance), model.library
     probability = answer.probability**trust
     probability /= probability.sum(axis=1, keepdims=True)
@@ -128,18 +145,18 @@ def _maps(radiance, model, local, answer, trust, threads):
     known = fits(residual, bands)
     least = max(OWN_PROBABILITY, min(EVEN / len(library), LIKELY))
     known &= (probability[p, state.material] >= LIKELY) & (own >= least) & (t > 0)
-    maps = lambda a, dtype=np.float32: np.ascontiguousarray(
+    as_map = lambda a, dtype=np.float32: np.ascontiguousarray(
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )
     return {
-        "temperature_k": maps(t),
-        "material": maps(state.material, np.int16),
-        "thermal_lighting": maps(lighting.T),
-        "texture": maps(texture.T),
-        "sky_texture": maps(sky_texture),
-        "residual": maps(residual),
-        "log_evidence": maps(np.logaddexp.reduce(-local.energy.astype(np.float64), axis=1)),
-        "temperature_sigma_k": maps(sigma),
-        "material_probability": maps(probability.T),
-        "unknown": maps(~known, bool),  # so that what is no number is unknown
+        "temperature_k": as_map(t),
+        "material": as_map(state.material, np.int16),
+        "thermal_lighting": as_map(lighting.T),
+        "texture": as_map(texture.T),
+        "sky_texture": as_map(sky_texture),
+        "residual": as_map(residual),
+        "log_evidence": as_map(np.logaddexp.reduce(-local.energy.astype(np.float64), axis=1)),
+        "temperature_sigma_k": as_map(sigma),
+        "material_probability": as_map(probability.T),
+        "unknown": as_map(~known, bool),  # so that what is no number is unknown
     }

@@ -1,0 +1,97 @@
+"""The four methods: how the pixels of a cube are answered, in an environment that is known.
+
+net, net+sgd   evidence -> network -> refinement and texture (`model`)
+local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
+               distilled texture, with how sure each part is (`solver`)
+"""
+
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from physics.expected import only
+from physics.known import MAX_T, known_arrays
+from physics.planck import brightness_temperature
+
+NETS = "net", "net+sgd"
+METHODS = "local", "sgd", *NETS
+
+
+class Look(Protocol):
+    """Maps by name, as `model.TeX` has them, of the pixels of a HeatCube in an Environment, by
+    those of the library's materials that may be seen, ascending indices. The log evidence of looks
+    that were given the same dict alike can be compared; of all others it cannot."""
+
+    def __call__(self, environment, cube, seen, alike=None): ...
+
+
+class Run(Protocol):
+    """The same as they are answered in the end, with progress: of those materials that are expected
+    (physics.expected.Expected) and, part by part, in Regions of the picture."""
+
+    def __call__(self, environment, cube, seen, expected=None, regions=None): ...
+
+
+class Method(NamedTuple):
+    """look, by net+sgd or local, is what circumstances and a glance are found by; expects, whether
+    run makes use of what is expected."""
+
+    look: Look
+    run: Run
+    expects: bool
+
+
+def by_network(library, model, refined=True, progress=None):
+    """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
+    progress(done, total)."""
+
+    def answer(model, progress, environment, cube, seen, expected, regions, alike):
+        known = only(known_arrays(cube, library, environment), seen)
+        if alike is not None:
+            known["basis"] = alike.setdefault("basis", known["basis"])
+        maps = model(cube.radiance, known, progress, expected, regions)
+        return maps | {"temperature_sigma_k": _cut_off(maps, known["prior_k"], cube)}
+
+    def look(environment, cube, seen, alike=None):
+        return answer(model, None, environment, cube, seen, None, None, alike)
+
+    def run(environment, cube, seen, expected=None, regions=None):
+        of = model if refined else partial(model, refined=False)
+        return answer(of, progress, environment, cube, seen, expected, regions, None)
+
+    return Method(look, run, expects=True)
+
+
+def by_solver(library, smooth, report, lap):
+    """local of a MaterialLibrary, or sgd, if smooth; report(what) gives a progress(done, total) or
+    None, lap(stage) is called after each stage of a run."""
+    from .solver import solve_each, solve_smooth  # numba takes a second to load
+
+    def there(seen):
+        return library.subset([library.names[i] for i in seen])
+
+    def look(environment, cube, seen, alike=None):
+        return solve_each(cube, there(seen), environment)
+
+    def run(environment, cube, seen, expected=None, regions=None):
+        if smooth:
+            return solve_smooth(cube, there(seen), environment, report, lap)
+        maps = solve_each(cube, there(seen), environment, regions, report("local"))
+        lap("local")
+        return maps
+
+    return Method(look, run, expects=False)
+
+
+def _cut_off(maps, prior_k, cube):
+    """(height, width) sigma of T, where that was cut off no less than how far from it the pixel of
+    a HeatCube looks."""
+    t, sigma, (usual, spread) = maps["temperature_k"], maps["temperature_sigma_k"], prior_k
+    cut = np.abs(t - usual) > 0.999 * MAX_T * spread
+    if not cut.any():
+        return sigma
+    looks = brightness_temperature(cube.wavelength_um[:, None], cube.radiance[:, cut]).max(axis=0)
+    sigma = sigma.copy()
+    sigma[cut] = np.maximum(sigma[cut], np.abs(looks - t[cut]))
+    return sigma
