@@ -112,7 +112,10 @@ def circumstances(
         if given is None:
             environment = estimate(cube, assumed)
     lap("calibration")
-    return Circumstances(ready, untold, beyond, cube, environment, assumed, error_k, found, metres)
+    return Circumstances(
+        ready=ready, untold=untold, saturated=beyond, cube=cube, environment=environment,
+        sky_assumed=assumed, environment_error_k=error_k, found=found, distance_m=metres,
+    )  # fmt: skip
 
 
 @no_blas_threads()
