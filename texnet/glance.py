@@ -61,8 +61,7 @@ def answer(run, look, cube, materials, expects):
     if max(cube.shape) < 2 * PATCH or not (enough or expects):
         return run(cube, every)
     step = min(STEP, max(PATCH, step))
-    afar = from_afar(cube, step)
-    probability = look(afar, every)["material_probability"]
+    probability = look(from_afar(cube, step), every)["material_probability"]
     if cube.dead.any():
         probability = np.where(_all_dead(cube, step), np.nan, probability)
     if not np.isfinite(probability).any():  # no patch was measured
