@@ -22,6 +22,7 @@ TABLED = "net+sgd", "local"
 KELVIN = {"temperature_mae_k": "T off by (K)", "sigma_k": "sigma (K)"}
 SHARES = {"within_2_sigma": "in 2 sigma", "material_accuracy": "right", "abstention": "`unknown`"}
 FAULT = 1.1
+LOW_K, HIGH_K = 0.2, 10.0  # of the panels' axes, but where there is more to be seen
 HEAD = """# The atlas in figures
 
     texnet bench stability --out stability      # an hour on two cores
@@ -30,7 +31,7 @@ writes this page, `atlas.md`, with `atlas.png`, of `stability.csv` and `missing.
 row for each answer. One difficulty at a time is turned up, see `benchmarks/stability.py`; 54 bands
 and 50 mK unless that is the difficulty. Means over the scenes of the mean error of T, its median
 sigma, the share of T's errors within two sigmas, and of the pixels with the right material and
-those called `unknown`; grey is a brightness temperature at an emissivity of 0.95.
+those called `unknown`; the brightness temperature is at an emissivity of 0.95.
 """
 MISSING = """
 ## A material that the library lacks
@@ -62,12 +63,14 @@ def draw(rows, axes, path):
             top.plot(at, mean("temperature_mae_k"), mark, color=colour, label=method)
             bottom.plot(at, mean("material_accuracy"), mark, color=colour)
             if method == "net+sgd":
-                dots = "net+sgd: its sigma; share unknown"
+                dots = "net+sgd: above its median sigma, below the share unknown"
                 top.plot(at, mean("sigma_k"), ":", color=colour, label=dots)
                 today = "brightness temperature"
                 top.plot(at, mean("brightness_mae_k"), "-", color="0.7", label=today)
                 bottom.plot(at, mean("abstention"), ":", color=colour)
-        top.set(yscale="log", ylabel="T error (K)")
+        shown = np.concatenate([line.get_ydata() for line in top.lines])
+        low, high = np.nanmin(shown, initial=LOW_K), np.nanmax(shown, initial=HIGH_K)
+        top.set(yscale="log", ylabel="T error (K)", ylim=(low, high))
         top.set_title(name, fontsize=9)  # the longest fits
         top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
@@ -78,8 +81,8 @@ def draw(rows, axes, path):
             levels = [level.removeprefix("0") or "0" for level in levels]
         bottom.set_xticks(list(at), levels, fontsize=9)
     handles = top.get_legend_handles_labels()
-    figure.suptitle("Above: mean error of T; below: share of pixels with the right material")
-    figure.legend(*handles, loc="outside lower center", ncols=3)
+    what = "Above: mean error of T; below: share of pixels with the right material"
+    figure.legend(*handles, loc="outside upper center", ncols=3, title=what)
     with whole_file(path) as part:
         figure.savefig(part, dpi=80)
 
@@ -99,7 +102,7 @@ def table(rows, axes):
     """Lines of the page: a row for each level."""
     heads = KELVIN | SHARES
     names = [f"`{m}`: {h}" if i == 0 else h for m in TABLED for i, h in enumerate(heads.values())]
-    names = ["difficulty", "level", "grey: T off by (K)", *names]
+    names = ["difficulty", "level", "brightness temperature: T off by (K)", *names]
     yield f"| {' | '.join(names)} |"
     yield "|---" * len(names) + "|"
     for name, axis in axes.items():

@@ -31,6 +31,7 @@ import numpy as np
 import pytorch_lightning as lightning
 import torch
 
+from benchmarks import SHIPPED
 from benchmarks.rows import write_csv
 from physics import starter
 from physics.bands import equidistant_bands
@@ -43,8 +44,8 @@ from physics.machinery.provenance import fingerprint
 from physics.machinery.whole_file import whole_file
 from physics.refinement import STEPS
 from physics.starter import AIR, Recipe
-from texnet.cli import MODEL
 from texnet.files.weights import load_network, save_network
+from texnet.methods import WEIGHTS
 from texnet.metrics import evaluate
 from texnet.model import TeXModel
 from texnet.network import TeXNet
@@ -241,10 +242,7 @@ def main(argv=None):
     p = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     p.add_argument("--out", type=Path, required=True, metavar="DIR")
     p.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "texnet", metavar="DIR")
-    p.add_argument(
-        "--model", type=Path, metavar="FILE",
-        default=Path(__file__).parent.parent / "texnet" / "data" / MODEL,
-    )  # fmt: skip
+    p.add_argument("--model", type=Path, metavar="FILE", default=SHIPPED / WEIGHTS)
     p.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS[:3], metavar="PART")
     p.add_argument("--scenes", type=int, default=recipe.SCENES)
     p.add_argument("--epochs", type=int, default=recipe.EPOCHS)

@@ -59,7 +59,7 @@ def paper_decompose(cube, library, environment):
     answer = refine(objective, objective.local_state())
 
     state, radiance = answer.state, environment.radiance
-    is_sky = state.material == (-1 if library.sky_index is None else library.sky_index)
+    is_sky = state.material == library.sky_index
     objects = environment.sky or _sky_objects(cube.spectra, radiance, is_sky)
     lighting = state.thermal_lighting
     of_sky = lighting[:, list(objects)] @ radiance[list(objects)].mean(axis=1)
@@ -81,7 +81,9 @@ def paper_decompose(cube, library, environment):
         dead=cube.dead,
         hot=np.zeros(cube.shape, bool),
         wavelength_um=cube.wavelength_um,
+        emissivity=library.at(cube.wavelength_um),
         hue_deg=library.hue_deg,
+        camera_netd_k=cube.netd_k,
         netd_k=cube.netd_k,
         objective=answer.objective,
     )

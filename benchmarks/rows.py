@@ -10,10 +10,11 @@ from pathlib import Path
 from benchmarks import ONNX, SHIPPED
 from physics.machinery.provenance import provenance
 from physics.machinery.whole_file import whole_file
+from texnet.methods import WEIGHTS
 
 _ROOT = Path(__file__).parents[1]
 CODE = [_ROOT / name for name in ("physics", "texnet", "training", "export", "benchmarks")]
-DATA = [ONNX, SHIPPED / "texnet.safetensors", _ROOT / "physics" / "data" / "starter_library.json"]
+DATA = [ONNX, SHIPPED / WEIGHTS, _ROOT / "physics" / "data" / "starter_library.json"]
 
 SETTINGS = "settings"  # the column
 

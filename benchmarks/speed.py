@@ -32,6 +32,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -288,7 +289,7 @@ def simulator(library):
     pixels = SIMULATED[0] * SIMULATED[1]
     row = timed("simulate", pixels, run)
     w = np.unique(Bands.of(w, fwhm).fine_um)
-    fine = MaterialLibrary(library.names, w, library.at(w), library.hue_deg, library.albedo_rgb)
+    fine = replace(library, wavelength_um=w, emissivity=library.at(w))
     traced = trace_on_demand(scene, SIMULATED, SPP, 7, fine)
     embree = _Timed(traced.blocks._tracer._embree)
     traced.blocks._tracer._embree = embree
@@ -420,11 +421,10 @@ def _draw(rows, fitted, path):
 # --- all of it ----------------------------------------------------------------------------
 
 
-def measure(out, large=False, say=print):
+def measure(out, large=False):
     """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json.
 
     large  a cube of 4096 x 4096 pixels, too
-    say    called with each line of text as it is known
 
     Raises InputError where the network cannot be read.
     """
@@ -451,11 +451,11 @@ def measure(out, large=False, say=print):
     }
     frames = {m: per[m] * FRAME[0] * FRAME[1] / 1e6 for m in ("local", "net+sgd")}
     for row in rows:
-        say(f"{row['what']:24} {row['seconds_per_megapixel']:12.3f} s/Mpx")
+        print(f"{row['what']:24} {row['seconds_per_megapixel']:12.3f} s/Mpx")
     del cube
     whole = commands(traced, library, large)
     for row in whole:
-        say(f"{row['what']:40} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
+        print(f"{row['what']:40} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
     grown = list(growth(traced, library, run))
     fitted = exponents(grown)
     result = {
@@ -464,9 +464,9 @@ def measure(out, large=False, say=print):
         "threads": THREADS, "versions": _versions(), "machine": platform.machine(),
     }  # fmt: skip
     for name, value in ratios.items():
-        say(f"{name:60} {value:10.2f}")
+        print(f"{name:60} {value:10.2f}")
     excess = next(r["most_excess_nats"] for r in rows if r["what"] == "scipy")
-    say(f"{'J of local above that of the best of scipy, at most, nats':60} {excess:10.1e}")
+    print(f"{'J of local above that of the best of scipy, at most, nats':60} {excess:10.1e}")
     write_csv(out / "growth.csv", grown)
     _draw(grown, fitted, out / "growth.png")
     with whole_file(out / "speed.json") as part:

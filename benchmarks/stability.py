@@ -401,7 +401,9 @@ AXES = {
         "share of T contrast, indoors", (1, 0.5, 0.2, 0.1, 0.03, 0), thermal_crossover, INDOORS
     ),
     "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
-    "bands end early": Axis("at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early),
+    "bands end early": Axis(
+        "last band ends at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early
+    ),
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
     "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),
     "sky out of view": Axis("share of sky rows cut off", (0, 0.3, 0.6, 0.9, 1), sky_out_of_view),
@@ -411,8 +413,10 @@ AXES = {
     "material missing": Axis("materials missing", (0, 1, 2, 3), missing_materials),
     "twin materials": Axis("difference of e (%)", (5, 2, 1, 0.5, 0.2), twin_materials),
     "mixed pixels": Axis("pixels in one, a side", (1, 2, 3, 4, 6), mixed_pixels),
-    "wrong environment": Axis("its error (K)", (0, 1, 3, 10, 30), wrong_environment),
-    "wrong environment, as stated": Axis("its error (K)", (0, 1, 3, 10, 30), stated_environment),
+    "wrong environment": Axis("environment's error (K)", (0, 1, 3, 10, 30), wrong_environment),
+    "wrong environment, as stated": Axis(
+        "environment's error (K)", (0, 1, 3, 10, 30), stated_environment
+    ),
     "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
     "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
     "gain off, as stated": Axis("gain error (%)", (0, 0.3, 1, 3, 10), stated_gain),
@@ -421,7 +425,7 @@ AXES = {
     "offset, as stated": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), stated_offset),
     "dead bands": Axis("how many are dead", (0, 1, 2, 5, 10), dead_bands),
     "noisy bands": Axis("how many are noisy", (0, 1, 2, 5, 10), noisy_bands),
-    "stripes": Axis("their sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
+    "stripes": Axis("stripes' sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
     "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
     "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
     "hot part": Axis("pixels 300 K hotter (%)", (0, 1, 3, 6, 10), hot_part),

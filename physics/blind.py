@@ -35,7 +35,7 @@ from .cube.heat_cube import HeatCube
 from .cube.prepared import prepared
 from .environment import Environment
 from .errors import InputError
-from .estimate import Sample
+from .estimate import USUAL_OBJECTS, Sample
 from .exact.local import solve_given, solve_local
 from .exact.reduced import reduce_model
 from .library import SKY, MaterialLibrary
@@ -43,7 +43,6 @@ from .planck import brightness_temperature, noise_sigma, radiance
 
 MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials
-ENVIRONMENT_OBJECTS = 5
 EMISSIVITY_MAX, EMISSIVITY_MAX_SIGMA = 0.96, 0.01
 LEVEL_SIGMA = 0.02  # of the curves found, beside which T is off likewise
 ROUGHNESS = 0.002  # standard deviation of a true curve's second differences between bands
@@ -90,7 +89,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         )
     if np.count_nonzero(~sky) < MIN_PIXELS:
         raise InputError(f"library: the cube has fewer than {MIN_PIXELS} pixels beside the sky.")
-    environment = sample.environment(ENVIRONMENT_OBJECTS)
+    environment = sample.environment(USUAL_OBJECTS)
     s, rng = sample.spectra * cube.sigma, np.random.default_rng(seed)
     missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
     s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)

@@ -12,6 +12,7 @@ from .planck import radiance as planck_radiance
 from .prior import lighting_scale, scene_temperatures
 
 FAR_K = 100.0  # from the cube: in other units
+FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +25,8 @@ class Environment:
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
-    sky_mean       (bands,) mean of the sky's own pixels; the sky objects' mean if not given,
-                   None where no object stands for the sky: then no pixel can be sky
+    sky_mean       (bands,) mean of the sky's own pixels; the sky objects' mean if not given; None
+                   where there are neither: then no pixel can be sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
 
     Raises InputError where the data are not that.
@@ -59,7 +60,7 @@ class Environment:
         if len(set(sky)) != len(sky) or not known:
             raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
         error = numbers(self.error_k, "environment: error_k")
-        if error.ndim or not 0 <= error < 100:
+        if error.ndim or not 0 <= error <= 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))
         names = ("spread", "skylight_spread", "sky_spread")
@@ -135,7 +136,7 @@ class Environment:
                 f"environment: its sky looks like {sky:.0f} K in some band, the cube like "
                 f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
             )
-        if warmest < half - FAR_K:
+        if warmest < half - (FAR_SKY_K if len(self.sky) == len(self) else FAR_K):
             raise InputError(
                 f"environment: all of it looks like {warmest:.0f} K and colder, half of the cube "
                 f"like {half:.0f} K and warmer; give both in W m-2 sr-1 um-1."

@@ -19,8 +19,8 @@
    skies change with the air temperature.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
-the time does not grow with the cube; none of them is dead, saturated or far hotter than the rest
-(`cube.hot`).
+the time does not grow with the cube; none of them is dead, far hotter than the rest (`cube.hot`)
+or, unless many are, saturated.
 """
 
 from dataclasses import replace
@@ -42,6 +42,7 @@ from .overhead import least_ratio, overhead
 from .planck import brightness_temperature, radiance, radiance_derivative
 from .sky import AIR_MASSES, MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
+USUAL_OBJECTS = 5  # of an environment, where the sky is in view
 SAMPLES = 6000
 SKY_CLUSTERS = 12
 # what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
@@ -82,7 +83,7 @@ SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
 @no_blas_threads()
-def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
+def estimate_environment(cube, library, k=USUAL_OBJECTS, seed=0, assume_sky=False):
     """Estimate the Environment of a HeatCube.
 
     k        number of objects, the sky's among them; fewer come where spectra differ less
@@ -100,11 +101,11 @@ def estimate_environment(cube, library, k=5, seed=0, assume_sky=False):
     return Sample(cube, library, seed).environment(k, assume_sky)
 
 
-def completed(environment, cube, library, k=5, seed=0):
+def completed(environment, cube, library, seed=0):
     """An Environment that was measured, with what that leaves to a HeatCube to show: the other
-    objects, if all that was measured is sky (`objects_completed`); and how the sky's own pixels
-    scatter, if it does not say, and there are any."""
-    k, alone = objects_completed(environment, k), len(environment.sky) == len(environment)
+    objects, if all that was measured is sky (`objects_completed`); and the sky's own pixels, their
+    mean and how they scatter, if it does not say how, and there are any."""
+    k, alone = objects_completed(environment), len(environment.sky) == len(environment)
     if not environment.sky or not alone and len(environment.sky_spread):
         return environment
     sample, own = Sample(cube, library, seed), {}
@@ -118,11 +119,11 @@ def completed(environment, cube, library, k=5, seed=0):
     return replace(environment, **own)
 
 
-def objects_completed(environment, k=5):
-    """How many objects an Environment has, or, if all it has is sky, will have: k, and at least
-    BESIDE_SKY more than it has."""
+def objects_completed(environment):
+    """How many objects an Environment has, or, if all it has is sky, will have: USUAL_OBJECTS, and
+    at least BESIDE_SKY more than it has."""
     sky = len(environment.sky) == len(environment)
-    return max(k, len(environment) + BESIDE_SKY) if sky else len(environment)
+    return max(USUAL_OBJECTS, len(environment) + BESIDE_SKY) if sky else len(environment)
 
 
 class Sample:

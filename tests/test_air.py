@@ -165,6 +165,8 @@ def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     d = decompose(behind(cube, truth, 200.0, 0.62, kelvin), method=method)
     assert 100 < d.air_m < 400 and d.air_k == pytest.approx(kelvin, abs=2)
     assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
+    # the camera's noise is what it was, though behind air it hides more
+    assert (d.camera_netd_k, d.noise_raised) == (cube.netd_k, 1) and d.netd_k > cube.netd_k
     ground = names_of(truth) != "sky"
     off = lambda of: np.abs(of.temperature_k - truth.temperature_k)[ground]
     assert np.median(off(d)) < np.median(off(right)) + 0.04  # 0.2 K and more, if not taken out

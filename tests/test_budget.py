@@ -2,6 +2,7 @@
 
 import json
 from types import SimpleNamespace
+from unittest import mock
 
 import made_up
 import numpy as np
@@ -10,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import texnet.budget as module
-from physics import InputError, MaterialLibrary
+from physics import HeatCube, InputError, MaterialLibrary
+from physics.planck import radiance
 from texnet.budget import CROP, best_first, choose, first_within, middle, thinned
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
@@ -131,6 +133,21 @@ def test_what_is_foreseen_is_what_the_clock_says(monkeypatch):
     assert choose(cube, library, 3, 2.6e6, named) == ("net+sgd", pytest.approx(2.5e6))
     assert choose(cube, library, 3, 2.4e6, named) == ("net", pytest.approx(1.5e6))
     assert tried[-1] == ("net", (30, CROP))
+
+
+def test_a_furnace_in_the_middle_is_foreseen_as_the_rest():
+    """Its pixels are most of the part that is timed, whose environment is that of the picture."""
+    cube = made_up.cube(made_up.truth(150, 160))
+    s = cube.radiance.copy()
+    s[:, 50:100, 50:110] = radiance(cube.wavelength_um, 600.0)[:, None, None]
+    burning = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    library = MaterialLibrary.starter().subset(["sky", "grass", "water", "bark"])
+    with (
+        mock.patch.object(module, "CROP", 60),
+        mock.patch.object(module, "best_first", lambda bands: ["local"]),
+    ):
+        method, foreseen = choose(burning, library, 3, 1e9, lambda method: None)
+    assert method == "local" and 0 < foreseen
 
 
 def test_a_budget_chooses_and_is_reported(tmp_path, cube_and_library, capfd, monkeypatch):

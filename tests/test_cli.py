@@ -269,6 +269,8 @@ def test_bands_then_simulate(capfd, tmp_path):
 
     simulate = ("simulate", "forest", "--out", cube, "--bands")
     assert "cannot read" in refused(capfd, *simulate, tmp_path / "gone.json")
+    # what simulate would not take for a file is not written
+    assert "must end in .json" in refused(capfd, "bands", "--n", 4, "--out", tmp_path / "six")
     for text in ("[1]", "{", '{"wavelength_um": [9]}', '{"wavelength_um": 9, "fwhm_um": "x"}'):
         file.write_text(text)
         assert "wavelength_um and fwhm_um" in refused(capfd, *simulate, file)
@@ -315,6 +317,7 @@ def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
     write_cube(HeatCube(made.radiance, made.wavelength_um, made.fwhm_um, 0.005), path)
     code, out, _ = run(capfd, *words, "--k", 2)
     assert code == 0 and "NETD 5 mK (as stated), taken for " in out
+    assert last_json(out)["camera_netd_k"] == 0.005
     code, out, _ = run(capfd, *words, "--k", "auto")
     assert code == 0 and f"k = {last_json(out)['k']}, chosen\n" in out
 

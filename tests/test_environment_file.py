@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import texnet.budget
-from physics import HeatCube, InputError, MaterialLibrary
+from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, means_of_samples, quadrature
 from physics.eq1 import render
 from physics.planck import noise_sigma, radiance
@@ -283,6 +283,17 @@ def test_wrong_texts(capfd, files, text, sentence):
 def test_wrong_units(capfd, files, change, sentence):
     file = table(files / "wrong.csv", values=change(shine(FINE)))
     assert sentence in refused(capfd, files, "--environment", file)
+
+
+def test_a_dry_sky_alone_may_be_far_colder_than_the_scene():
+    """Where no band is opaque, it is, by more than what is no sky may be."""
+    w = np.linspace(10.0, 12.5, 6)
+    cube = HeatCube(np.broadcast_to(radiance(w, 315.0)[:, None, None], (6, 8, 9)), w, netd_k=0.05)
+    cold = radiance(w, np.array([[200.0]]))
+    Environment(cold, w, sky=(0,)).check(cube)
+    for wrong in (Environment(cold, w), Environment(cold / 1000, w, sky=(0,))):
+        with pytest.raises(InputError, match="and colder"):
+            wrong.check(cube)
 
 
 def test_wrong_places_and_options(capfd, files):

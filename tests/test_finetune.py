@@ -212,18 +212,18 @@ def test_training_goes_on_to_the_same_weights_and_metrics(tmp_path, traced):
     draws, held_out = Draws(traced, 0), Draws(ReshadedSet(*_of(traced), 2, NEW, 5), 7)
 
     def run(folder, epochs):
-        # the schedule is of two epochs, however soon a run stops
-        part = Training(network(), 2)
+        # the schedule is of seven epochs, however soon a run stops
+        part = Training(network(), 7)
         metrics = fit(part, draws, [held_out[0]], folder, epochs=epochs, per_epoch=DRAWS)
         return weights(part.network), metrics
 
-    whole, metrics = run(tmp_path / "whole", 2)
+    whole, metrics = run(tmp_path / "whole", 7)
     assert {"loss", "accuracy", "supervised"} <= set(metrics)
-    first, _ = run(tmp_path / "part", 1)
-    second, again = run(tmp_path / "part", 2)
+    first, _ = run(tmp_path / "part", 6)
+    second, again = run(tmp_path / "part", 7)
     assert not same(whole, first) and same(whole, second) and metrics == again
     # a finished run is not run again
-    third, again = run(tmp_path / "part", 2)
+    third, again = run(tmp_path / "part", 7)
     assert same(whole, third) and metrics == again
 
 

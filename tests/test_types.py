@@ -247,6 +247,11 @@ def test_views_of_a_cube_agree():
     np.testing.assert_allclose(cube.sigma, noise_sigma(W, 0.1))
 
 
+def test_the_noise_of_a_cube_is_a_plain_number():
+    """Which goes into JSON, whatever it was read from."""
+    assert type(HeatCube(S[:, :2], W, netd_k=np.float32(0.05)).netd_k) is float
+
+
 def test_noise_of_a_cube_that_does_not_know_it():
     assert "NETD" in sentence(lambda: HeatCube(S, W).sigma)
     assert "NETD" in sentence(HeatCube(S[:, :2], W).with_netd)

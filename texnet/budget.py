@@ -15,12 +15,12 @@ from importlib.resources import files
 
 import numpy as np
 
+from physics.cube import hot
 from physics.cube.heat_cube import HeatCube
 from physics.cube.prepared import prepared
 from physics.errors import InputError
-from physics.estimate import estimate_environment
+from physics.estimate import USUAL_OBJECTS, estimate_environment
 
-from .circumstances import USUAL_OBJECTS
 from .methods import NETS
 from .pipeline import decompose
 
@@ -43,7 +43,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     Raises InputError with what the fastest takes if none fits.
     """
     start = time.perf_counter()
-    cube = prepared(cube, library).cube
+    cube, _, _ = hot.parted(prepared(cube, library).cube)  # the middle may be all hot
     before = time.perf_counter() - start
     whole = isinstance(k, (int, np.integer))
     objects = k if whole else min(USUAL_OBJECTS, cube.measured_count)

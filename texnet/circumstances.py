@@ -20,7 +20,7 @@ from physics.cube.heat_cube import HeatCube
 from physics.cube.prepared import Prepared, prepared
 from physics.cube.saturation import saturated
 from physics.environment import Environment
-from physics.estimate import completed, estimate_environment
+from physics.estimate import USUAL_OBJECTS, completed, estimate_environment
 from physics.machinery.blas import no_blas_threads
 
 from .camera.calibration import calibration, of_given, under_a_sky
@@ -28,13 +28,10 @@ from .camera.correction import RIGHT, Calibration, corrected
 from .camera.distances import distances
 from .progress import compiling
 
-USUAL_OBJECTS = 5  # of the environment, where the sky is in view
-
 
 class Circumstances(NamedTuple):
     """ready                Prepared, before anything was corrected
-    untold               (height, width) bool: its pixels that say nothing, being dead or saturated
-    saturated            those that are
+    saturated            (height, width) bool: its pixels that are
     cube                 HeatCube that a right camera would have shown, with no air before it
     environment          Environment of that;  sky_assumed: True where its sky is not in view
     environment_error_k  K by which one that was given is likely off, as is allowed for here
@@ -43,7 +40,6 @@ class Circumstances(NamedTuple):
     """
 
     ready: Prepared
-    untold: np.ndarray
     saturated: np.ndarray
     cube: HeatCube
     environment: Environment
@@ -53,6 +49,7 @@ class Circumstances(NamedTuple):
     distance_m: np.ndarray | None
 
 
+@no_blas_threads()
 def circumstances(
     cube, library, look, *, k=None, environment=None, seed=0, lap=None, progress=None
 ):  # fmt: skip
@@ -72,61 +69,53 @@ def circumstances(
         given = given.only(np.isin(cube.wavelength_um, ready.stated_um))
         given = replace(given, wavelength_um=ready.cube.wavelength_um)
         given.check(ready.cube)
-        given = completed(given, ready.cube, library, USUAL_OBJECTS, seed)
+        given = completed(given, ready.cube, library, seed)
     cube, beyond = ready.cube, saturated(ready.cube)
     lap("bands")
     cold, burns, _ = hot.parted(cube)
-    untold = cube.dead | beyond
-    left_out = untold | burns
+    left_out = cube.dead | beyond | burns
     counting = given is None and k in (None, "auto")
     objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
 
-    def estimate(cube, assume_sky=False, count=False):
-        nonlocal objects
-        if count:
-            from physics.support import supported_count  # numba takes a second to load
-
-            with compiling(progress):
-                objects = supported_count(cube, library, seed, assume_sky)
+    def estimate(cube, objects, assume_sky=False):
         return estimate_environment(cube, library, objects, seed, assume_sky)
 
-    environment = estimate(cube) if given is None else given
+    def supported(assume_sky=False):
+        from physics.support import supported_count  # numba takes a second to load
+
+        with compiling(progress):
+            return supported_count(cube, library, seed, assume_sky)
+
+    environment = estimate(cube, objects) if given is None else given
     if counting and environment.sky:
         counting = False
         if k == "auto":
-            environment = estimate(cube, count=True)
+            objects = supported()
+            environment = estimate(cube, objects)
     lap("environment")
-    found, assumed, error_k, metres = RIGHT, False, 0.0, None
+    assumed, error_k, metres = False, 0.0, None
+    of = partial(calibration, cold, look=look, library=library, left_out=left_out)
     if given is not None:
         found, error_k = of_given(cold, given, look, library, left_out)
         environment = given.off_by(error_k) if error_k else given
     else:
-        found, assumed, environment = _calibration_or_sky(
-            cold, environment, partial(estimate, cube), counting, look, library, left_out
-        )
+        found = of(environment)
+        if not environment.sky and (under := estimate(cube, objects, assume_sky=True)).sky:
+            assumed = under_a_sky(cold, environment, found, under, look, library, left_out)
+        if counting:
+            objects = supported(assumed)
+        if counting or assumed:
+            environment = estimate(cube, objects, assumed)
+            found = of(environment, in_view=False)
     if found.air:
-        through = estimate(corrected(cube, found), assumed)
+        through = estimate(corrected(cube, found), objects, assumed)
         metres = distances(cold, through, look, len(library), found)
     if found != RIGHT:
         cube = corrected(cube, found, metres)
         if given is None:
-            environment = estimate(cube, assumed)
+            environment = estimate(cube, objects, assumed)
     lap("calibration")
     return Circumstances(
-        ready=ready, untold=untold, saturated=beyond, cube=cube, environment=environment,
+        ready=ready, saturated=beyond, cube=cube, environment=environment,
         sky_assumed=assumed, environment_error_k=error_k, found=found, distance_m=metres,
     )  # fmt: skip
-
-
-@no_blas_threads()
-def _calibration_or_sky(cube, environment, estimate, counting, look, library, left_out):
-    """The Calibration that the scene shows, whether a sky that is not in view is assumed, and the
-    Environment with it or without, whose objects are counted, if counting, only then."""
-    of = partial(calibration, cube, look=look, library=library, left_out=left_out)
-    shown, assumed = of(environment), False
-    if not environment.sky and (under := estimate(assume_sky=True)).sky:
-        assumed = under_a_sky(cube, environment, shown, under, look, library, left_out)
-    if assumed or counting:
-        environment = estimate(assumed, counting)
-        shown = of(environment, in_view=False)
-    return shown, assumed, environment

@@ -21,12 +21,12 @@ from physics.errors import InputError
 
 from . import commands
 from .decompose_command import decompose, demo
+from .methods import METHODS, WEIGHTS
 
 FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
     "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
     "environment-method", "environment-count",
 )  # fmt: skip
-MODEL = "texnet.safetensors"  # in texnet/data
 
 
 def main(argv=None):
@@ -186,7 +186,7 @@ def _parser():
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument(
-        "--method", choices=("local", "sgd", "net", "net+sgd"),
+        "--method", choices=METHODS,
         help="local: each pixel by itself; sgd: local, smoothed over neighbours; net: the network "
         "alone; net+sgd: the network, refined (default)",
     )  # fmt: skip
@@ -250,7 +250,7 @@ def _parser():
     p = add_training("finetune", commands.finetune, text, 48, 3, 160)
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
-        "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / MODEL,
+        "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / WEIGHTS,
         help="weights to start from, default: the package's",
     )  # fmt: skip
     p.add_argument(
@@ -355,7 +355,7 @@ def _count(text):
 
 
 def _bands(text):
-    return Path(text) if Path(text).suffix == ".json" else _integer(1, 1000)(text)
+    return Path(text) if Path(text).suffix.lower() == ".json" else _integer(1, 1000)(text)
 
 
 def _size(text):

@@ -57,7 +57,7 @@ def simulate(args):
                 f"{beside} would be taken for the truth of {other}, too; choose another name."
             )
     wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
-    is_file = Path(args.scene).suffix == ".json"
+    is_file = Path(args.scene).suffix.lower() == ".json"
     scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)
     with progress_bar() as report:
         cube, truth = trace(
@@ -93,7 +93,7 @@ def bands(args):
     from .progress import progress_bar
 
     if args.out is not None:
-        check_writable(args.out, args.library)
+        check_writable(args.out, args.library, suffix=".json")
     library = chosen_library(args)
     with progress_bar() as report:
         best = design_filters(library, args.n, progress=report)

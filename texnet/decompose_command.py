@@ -14,13 +14,12 @@ from physics.library import SKY
 from .commands import chosen_library
 from .files.cube_io import read_cube, truth_path
 from .loading import loading
-from .methods import NETS
+from .methods import NETS, ONNX
 from .metrics import evaluate, names_lacking, non_sky
 
 # in texnet/data, its truth beside it; `texnet simulate forest --seed 1 --size 160x240 --bands 36
 # --spp 256` made both
 DEMO_CUBE = "forest.exr"
-SHIPPED = "texnet.onnx"  # there too
 SUSPICIOUS_K, SUSPICIOUS = 1.0, 10.0  # of noise, also times what is stated
 
 
@@ -120,7 +119,8 @@ def _of_answer(d, cube):
     materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     return {
         "bands": cube.bands, "size": cube.shape,
-        "netd_k": d.netd_k, "noise_raised": d.noise_raised, "netd_stated_k": cube.netd_k,
+        "netd_stated_k": cube.netd_k, "camera_netd_k": d.camera_netd_k, "netd_k": d.netd_k,
+        "noise_raised": d.noise_raised,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
         "band_gains": d.band_gains, "offset_k": d.offset_k, "air_m": d.air_m, "air_k": d.air_k,
@@ -169,7 +169,7 @@ def _runner(method, model, device):
         if model is not None:
             raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
         return None
-    if model is not None and model.suffix != ".onnx":
+    if model is not None and model.suffix.lower() != ".onnx":
         from .files.weights import load_network
         from .learned import torch_model
 
@@ -187,7 +187,7 @@ def _runner(method, model, device):
 
     if model is not None:
         return Runtime(model).run
-    with as_file(files("texnet") / "data" / SHIPPED) as path:
+    with as_file(files("texnet") / "data" / ONNX) as path:
         return Runtime(path).run
 
 
@@ -201,22 +201,18 @@ def _of_pixels(saturated, dead, hot):
 
 
 def _netd(r):
-    # as the camera showed it, before gain and misfit
-    said, own = r["netd_stated_k"], r["netd_k"] * r["gain"] / r["noise_raised"]
+    said, own = r["netd_stated_k"], r["camera_netd_k"]
     source = "estimated" if said is None else "as stated"
     if said and not math.isclose(own, said, rel_tol=1e-3):
         source = f"estimated, {1e3 * said:.0f} mK stated"
-    floor = r["netd_k"] * r["gain"] < 1.001 * LEAST_NETD_K
-    why = "the model of the surroundings is no better"
-    if not floor:
-        why = "at less no material fits (library, calibration?)"
-    raised = f", taken for {1e3 * r['netd_k']:.0f} mK: {why}"
-    return f"NETD {1e3 * own:.0f} mK ({source}){raised if r['noise_raised'] > 1 else ''}"
-
-
-def _of_noise(netd_k, stated_k):
-    if netd_k > SUSPICIOUS_K and netd_k > SUSPICIOUS * (stated_k or 0):
-        yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
+    netd = f"NETD {1e3 * own:.0f} mK ({source})"
+    if r["noise_raised"] <= 1:
+        return netd
+    taken = own * r["noise_raised"]
+    why = "at less no material fits (library, calibration?)"
+    if taken < 1.001 * LEAST_NETD_K:
+        why = "the model of the surroundings is no better"
+    return f"{netd}, taken for {1e3 * taken:.0f} mK: {why}"
 
 
 def _of_objects(k, chosen, given, bands):
@@ -236,38 +232,28 @@ def _of_objects(k, chosen, given, bands):
         yield f"Few bands    {bands} do not tell {k} objects apart: see --k auto"
 
 
-def _of_shift(um):
-    if um:
+def _corrections(r):
+    """What the cube was corrected by, or should have been before it came here."""
+    taken, stated = r["camera_netd_k"] * r["noise_raised"], r["netd_stated_k"]
+    if taken > SUSPICIOUS_K and taken > SUSPICIOUS * (stated or 0):
+        yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
+    for band in r["left_out"]:
+        yield f"Left out     {band['wavelength_um']:.4g} um: {band['why']}"
+    if shift := r["spectral_shift_um"]:
         yield (
-            f"Wavelengths  {abs(um):.2f} um {'less' if um > 0 else 'more'} than stated, by where "
-            "the sky shows its ozone"
+            f"Wavelengths  {abs(shift):.2f} um {'less' if shift > 0 else 'more'} than stated, by "
+            "where the sky shows its ozone"
         )
-
-
-def _of_calibration(gain, offset_k):
-    off = gain - 1 or offset_k
-    much = f"{abs(off):.1%}" if gain != 1 else f"{abs(off):.1f} K at 300 K"
-    if off:
+    without = "by what fits: all is of the cube without that"
+    if off := r["gain"] - 1 or r["offset_k"]:
+        much = f"{abs(off):.1%}" if r["gain"] != 1 else f"{abs(off):.1f} K at 300 K"
+        yield f"Calibration  radiance {much} too {'high' if off > 0 else 'low'}, {without}"
+    if off := np.std(r["band_gains"]):
+        yield f"Bands        off among each other by {off:.2%}, {without}"
+    if metres := r["air_m"]:
         yield (
-            f"Calibration  radiance {much} too {'high' if off > 0 else 'low'}, by what fits: all "
-            "is of the cube without that"
-        )
-
-
-def _of_bands(gains):
-    off = np.std(gains)
-    if off:
-        yield (
-            f"Bands        off among each other by {off:.2%}, by what fits: all is of the cube "
-            "without that"
-        )
-
-
-def _of_air(metres, kelvin):
-    if metres:
-        yield (
-            f"Air          {metres:.0f} m of {kelvin:.0f} K before the camera, by what fits, and "
-            "as much as distance_m says before each pixel: all is of the cube without that"
+            f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
+            "and as much as distance_m says before each pixel: all is of the cube without that"
         )
 
 
@@ -276,15 +262,10 @@ def _summary(r):
     shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, {_netd(r)}",
-        *_of_noise(r["netd_k"], r["netd_stated_k"]),
-        *(f"Left out     {b['wavelength_um']:.4g} um: {b['why']}" for b in r["left_out"]),
-        *_of_shift(r["spectral_shift_um"]),
-        *_of_calibration(r["gain"], r["offset_k"]),
-        *_of_bands(r["band_gains"]),
-        *_of_air(r["air_m"], r["air_k"]),
+        *_corrections(r),
         *_of_objects(r["k"], r["k_chosen"], r["environment"], r["bands"]),
-        f"Temperature  {t['p2']:.1f} to {t['p98']:.1f} K (but for 2 % at either end), half of it "
-        f"above {t['median']:.1f} K",
+        f"Temperature  median {t['median']:.1f} K, 2nd to 98th percentile {t['p2']:.1f} to "
+        f"{t['p98']:.1f} K, without sky",
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the {'measured ' if r['dead'] else ''}pixels "
         "are marked unknown" + (": do not use the materials" if r["unknown"] > 0.5 else ""),

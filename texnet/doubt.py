@@ -84,9 +84,9 @@ def sigma_among_neighbours(sigma, temperature, material):
         good = t[np.isfinite(t)]
         if good.size:  # small, so that its squares are precise enough
             t = t - good.mean(dtype=np.float64)
-        mean = over_nine(np.add, t) / 9
-        variance = np.maximum(over_nine(np.add, t * t) / 9 - mean**2, 0)
-        edge = over_nine(np.maximum, m) != over_nine(np.minimum, m)
+        mean = _over_nine(np.add, t) / 9
+        variance = np.maximum(_over_nine(np.add, t * t) / 9 - mean**2, 0)
+        edge = _over_nine(np.maximum, m) != _over_nine(np.minimum, m)
         share = SCATTER**2 + edge * SCATTER_OF_MATERIALS**2
         out[top:bottom] = np.sqrt(sigma[top:bottom] ** 2 + share * variance)
     return out
@@ -146,7 +146,7 @@ def with_level_error(sigma, maps, library, cube):
     return out
 
 
-def over_nine(of, padded):
+def _over_nine(of, padded):
     """(height, width) of (height + 2, width + 2): of every pixel and its neighbours."""
     rows = of(of(padded[:-2], padded[1:-1]), padded[2:])
     return of(of(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

@@ -111,7 +111,7 @@ def comparison_figure(decomposition, pictures, truth, path):
     if truth is not None:
         _bare(axes[1, 1], "the same by day (truth)")
         axes[1, 1].imshow(daylight_srgb(truth))
-        _show_materials(axes[1, 2], "material", d, hues, blank)
+        _show_materials(axes[1, 2], "material (estimated)", d, hues, blank)
     _save(fig, path)
 
 

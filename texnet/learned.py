@@ -16,9 +16,9 @@ from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 from physics.refinement import STEPS
 
 from .files.weights import load_network
+from .methods import WEIGHTS
 from .model import TeX, TeXModel
 
-WEIGHTS = "texnet.safetensors"  # in texnet/data
 ON_GPU = 2  # tiles at once: a GPU has less to do than there is to tell it
 _ONE_RUN = Lock()
 

@@ -16,6 +16,7 @@ from physics.planck import brightness_temperature
 
 NETS = "net", "net+sgd"
 METHODS = "local", "sgd", *NETS
+WEIGHTS, ONNX = "texnet.safetensors", "texnet.onnx"  # in texnet/data: the network that ships
 
 
 class Look(Protocol):

@@ -39,6 +39,7 @@ from .network import TeXNet, log_add, stem
 
 HYPOTHESES = 3  # of a pixel, the likeliest
 CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
+NEVER_NATS, AFTER_ALL_NATS = 1e9, 1e6  # what cannot be; what comes after all others that can
 
 
 class TeX(NamedTuple):
@@ -61,6 +62,21 @@ class TeX(NamedTuple):
     residual: torch.Tensor
     log_evidence: torch.Tensor
     unknown: torch.Tensor
+
+
+class Seen(NamedTuple):
+    """Of P pixels, P the last axis everywhere: their spectra (bands, P), what they say by
+    themselves, and what the network says."""
+
+    spectra: torch.Tensor
+    air: torch.Tensor
+    log_evidence: torch.Tensor
+    log_pure: torch.Tensor
+    log_mixed: torch.Tensor
+    log_material: torch.Tensor
+    trust: torch.Tensor
+    temperature_k: torch.Tensor
+    log_lighting: torch.Tensor
 
 
 class TeXModel(nn.Module):
@@ -110,74 +126,80 @@ class TeXModel(nn.Module):
         return TeX(*(a.unflatten(-1, shape) for a in tex))
 
 
-def _answer(
-    known, h, b, steps, spectra, air, log_evidence, log_pure, log_mixed, log_material, trust,
-    temperature_k, log_lighting,
-):  # fmt: skip
-    """TeX of P pixels, of their spectra (bands, P), what they say by themselves and what the
-    network says (P its last axis everywhere)."""
-    materials, bands = known.emissivity.shape[:2]
-    # the likeliest hypotheses
-    never = 1e9 * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
-    log_m = log_material - never[:, None]
-    log_row = torch.cat([log_m + log_pure, log_m + log_mixed])
+def _answer(known, h, b, steps, *seen):
+    """TeX of pixels, of their Seen."""
+    seen = Seen(*seen)
+    materials, sky = known.is_sky.shape[0], known.is_sky
+    log_row = _proposed(known, seen)
     score, row = log_row.topk(HYPOTHESES, dim=0)
-    z = components(h, spectra / known.sigma[:, None])
+    z = components(h, seen.spectra / known.sigma[:, None])
     x = likeliest(h, z)
     x = x.gather(0, row[:, None].expand(-1, x.shape[1], -1))
-
-    # refined
-    t, guess = (temperature_k - known.prior_k[0]) / known.prior_k[1], log_lighting.exp()
-    width = TYPICAL_K / known.prior_k[1]
-    of_sky = known.is_sky[_material(row, materials)]
-    if steps:
-        r = _refined(b, x, row, score, trust, t, guess, width, steps, of_sky > 0)
-    else:
-        r = _unrefined(b, row, t, guess, width)
-    own_row = torch.cat([log_evidence + log_pure, log_evidence + log_mixed])
-    own_row = _after(own_row, row, own_row.gather(0, row), r.energy)
-    most = own_row.amax(0)
-    log_row = _after(log_row, row, score, trust * r.energy)
+    of_sky = sky[_material(row, materials)]
+    r = _refined(known, b, x, row, score, seen, of_sky > 0, steps)
+    log_evidence = _own_evidence(seen, row, r)
+    log_row = _after(log_row, row, score, seen.trust * r.energy)
     score = log_row.gather(0, row)
     p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
 
     best = score.argmax(0, keepdim=True)
     material = _material(row.gather(0, best)[0], materials)
-    is_sky = known.is_sky[material] > 0
+    is_sky = sky[material] > 0
     # what stands before the sky, where that may be anything
-    solid = score - 1e6 * of_sky
+    solid = score - AFTER_ALL_NATS * of_sky
     of_solid, at = solid.max(0, keepdim=True)
     empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
     before = torch.where(is_sky, at, best)
-    t, sigma = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
     v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
-    weight = torch.softmax(solid, dim=0)
-    doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
-    of_m = lambda a: a.gather(0, material[None])[0]
-    variance = torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
+    t, variance = _t_and_variance(known, r, before, solid)
     temperature = known.prior_k[0] + known.prior_k[1] * t
-    temperature = torch.where(empty, air, temperature)
+    temperature = torch.where(empty, seen.air, temperature)
 
     final = torch.where(empty, best, before)
     chosen = one_hot(row.gather(0, final)[0], 2 * materials)
     x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
     off = deviations(h, z, x, chosen, t, v)
-    texture, sky_texture, misfit = _texture(known, h, spectra, chosen, temperature, v, off)
+    texture, sky_texture, misfit = _texture(known, h, seen.spectra, chosen, temperature, v, off)
+    of_m = lambda a: a.gather(0, material[None])[0]
     # a misfit beyond the noise widens sigma (Birge's ratio)
     variance = variance * misfit.clamp(min=1) ** 2 + NET_OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
     sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
     visible = (~empty).float()
     # so written that NaN counts as unknown
-    explained = fits(misfit, bands) | empty
-    own = of_m(torch.softmax(log_evidence, 0))
+    explained = fits(misfit, known.sigma.shape[0]) | empty
+    own = of_m(torch.softmax(seen.log_evidence, 0))
     likely = (of_m(p) >= NET_LIKELY) & (own >= OWN_PROBABILITY)
     unknown = ~(explained & likely & (temperature > 0))
     return TeX(
         material_probability=p, material=material, temperature_k=temperature,
         temperature_sigma_k=sigma, thermal_lighting=v * visible, texture=texture * visible,
-        sky_texture=sky_texture * visible, residual=misfit,
-        log_evidence=most + torch.log(torch.exp(own_row - most).sum(0)), unknown=unknown,
+        sky_texture=sky_texture * visible, residual=misfit, log_evidence=log_evidence,
+        unknown=unknown,
     )  # fmt: skip
+
+
+def _proposed(known, seen):
+    """(R, P) log probability of all hypotheses, of the network and the pixel together."""
+    never = NEVER_NATS * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
+    log_m = seen.log_material - never[:, None]
+    return torch.cat([log_m + seen.log_pure, log_m + seen.log_mixed])
+
+
+def _own_evidence(seen, row, r):
+    """(P,) log evidence of all hypotheses together, of which row (C, P) were Refined."""
+    log_row = torch.cat([seen.log_evidence + seen.log_pure, seen.log_evidence + seen.log_mixed])
+    log_row = _after(log_row, row, log_row.gather(0, row), r.energy)
+    most = log_row.amax(0)
+    return most + torch.log(torch.exp(log_row - most).sum(0))
+
+
+def _t_and_variance(known, r, before, solid):
+    """T (P,) of the hypotheses before (1, P), in the prior's units, and its variance, K^2: the
+    hypothesis's own or, if more, that among all Refined, weighted by their scores solid (C, P)."""
+    t, sigma = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
+    weight = torch.softmax(solid, dim=0)
+    doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
+    return t, torch.maximum(sigma**2, doubt) * known.prior_k[1] ** 2
 
 
 def _after(log_row, row, score, energy):
@@ -197,16 +219,21 @@ def _cut(arrays, shape, inner):
     return tuple(cut(a).flatten(-2) for a in arrays), (height, width)
 
 
-def _refined(b, x, row, score, trust, t, guess, width, steps, is_sky):
-    """Refined (..., C, P) of the C likeliest hypotheses, of which is_sky (C, P) says which are sky.
+def _refined(known, b, x, row, score, seen, is_sky, steps):
+    """Refined (..., C, P) of the C likeliest hypotheses, of which is_sky (C, P) says which are sky;
+    as the network proposes them, if steps is 0.
 
     Those too far behind the first to catch up are not refined; they take its T, sigma, V and E.
     """
+    t = (seen.temperature_k - known.prior_k[0]) / known.prior_k[1]
+    guess, width = seen.log_lighting.exp(), TYPICAL_K / known.prior_k[1]
+    if not steps:
+        return _unrefined(b, row, t, guess, width)
     pixel = torch.arange(t.shape[0], device=t.device).repeat(row.shape[0] - 1)
     first = refine(b, x[0], row[0], t, guess, width, steps)
-    behind = score[0] - trust * first.energy.clamp(min=0) - score[1:]
+    behind = score[0] - seen.trust * first.energy.clamp(min=0) - score[1:]
     # where sky is first, T may be that of the best of those that are not: all are refined, or none
-    of_solid = (behind + 1e6 * is_sky[1:]).amin(0)
+    of_solid = (behind + AFTER_ALL_NATS * is_sky[1:]).amin(0)
     too_far = torch.where(is_sky[0], of_solid - RIM_NATS, behind - CLOSE_NATS)
     close = (too_far < 0).flatten().nonzero()[:, 0]
     at = pixel[close]

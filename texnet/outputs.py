@@ -27,11 +27,11 @@ from .vision import tex_vision
 
 FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr")
 NPZ_KEYS = (
-    "temperature_k", "material", "material_names", "thermal_lighting", "environment", "texture",
-    "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
+    "temperature_k", "material", "material_names", "emissivity", "thermal_lighting", "environment",
+    "texture", "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
     "saturated", "dead", "hot", "wavelength_um", "spectral_shift_um", "gain", "band_gains",
-    "offset_k", "air_m", "air_k", "hue_deg", "sky", "sky_assumed", "netd_k", "noise_raised",
-    "calibration_error_k", "left_out", "environment_error_k",
+    "offset_k", "air_m", "air_k", "hue_deg", "sky", "sky_assumed", "camera_netd_k", "netd_k",
+    "noise_raised", "calibration_error_k", "left_out", "environment_error_k",
 )  # fmt: skip
 
 

@@ -46,6 +46,8 @@ class Decomposition:
 
     temperature_k         K; of sky pixels that of what may stand before the sky, or the air's
     material              int16, index into material_names
+    emissivity            (materials, bands) their curves at the bands: a pixel's e is that of its
+                          material
     thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
                           net+sgd, where it may be, that of what stands before the sky
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
@@ -82,9 +84,10 @@ class Decomposition:
     left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
                           library where they were found to lie
     hue_deg               (materials,) TeX-vision hues
-    netd_k                NETD that was assumed of the corrected cube, K
-    noise_raised          its ratio to the camera's: above 1 where the fit asks for more noise, or
-                          the camera has less than what k objects leave out
+    camera_netd_k         the camera's NETD, as stated or estimated, K
+    noise_raised          how many times that was assumed: above 1 where the fit asks for more
+                          noise, or the camera has less than what k objects leave out
+    netd_k                NETD that this makes of the corrected cube, K
     objective             E of `physics.exact.semiglobal` along the refinement, nats; () but for sgd
     seconds               time by stage
     """
@@ -105,7 +108,9 @@ class Decomposition:
     dead: np.ndarray
     hot: np.ndarray
     wavelength_um: np.ndarray
+    emissivity: np.ndarray
     hue_deg: np.ndarray
+    camera_netd_k: float
     netd_k: float
     sky_assumed: bool = False
     noise_raised: float = 1.0
@@ -218,7 +223,8 @@ def decompose(
         distance_m=of.distance_m,
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
         sky_assumed=of.sky_assumed,
-        wavelength_um=ready.stated_um, hue_deg=library.hue_deg,
+        wavelength_um=ready.stated_um, emissivity=library.at(of.cube.wavelength_um),
+        hue_deg=library.hue_deg, camera_netd_k=ready.camera_k,
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
         environment_error_k=of.environment_error_k, left_out=ready.left_out,
@@ -236,8 +242,9 @@ def _doubted(maps, library, of, calibration_error_k):
     doubt = float(np.hypot(calibration_error_k, doubt_k(found, cube)))
     if doubt:
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, doubt)
-    sigma[of.untold] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
-    unknown = maps["unknown"] | of.untold
+    invalid = of.ready.cube.dead | of.saturated
+    sigma[invalid] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
+    unknown = maps["unknown"] | invalid
     if found.noise > 1:
         unknown |= unsure(maps, found.noise, found.misfit, cube.bands)
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}

@@ -118,33 +118,19 @@ def _temperature_at_sky(spectra, library, model, local, state, sky):
 def _maps(radiance, model, local, answer, trust, threads):
     """Maps by name of radiance (bands, height, width), of what `physics.exact` made of it, of
     which log evidence counts trust times."""
-    state, bands, library = answer.state, len(radiance), model.library
+    state, library = answer.state, model.library
     probability = answer.probability**trust
     probability /= probability.sum(axis=1, keepdims=True)
-    spectra = radiance.reshape(bands, -1).T
+    spectra = radiance.reshape(len(radiance), -1).T
     texture, sky_texture, residual = distill(
         model, spectra, state.row, state.temperature_k, state.thermal_lighting, threads
     )
     sky = state.material == (library.sky_index if model.environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
-    t, own_sigma = state.temperature_k.copy(), answer.sigma_k.copy()
+    t, sigma = state.temperature_k.copy(), _sigma(local, answer, probability, residual)
     if sky.any():
-        t[sky], own_sigma[sky] = _temperature_at_sky(spectra, library, model, local, state, sky)
-    # doubt about m widens sigma of T: variance of the mixture about the answer
-    variance = (probability * (local.sigma_k**2 + (local.temperature_k - t[:, None]) ** 2)).sum(1)
-    p = np.arange(len(t))
-    doubt = OTHER_K**2 * (1 - probability[p, state.material])
-    # and a misfit beyond the noise does (Birge's ratio)
-    variance = np.maximum(variance, own_sigma**2) * np.maximum(residual, 1) ** 2
-    sigma = np.sqrt(variance + doubt)
-    sigma = np.where(sky, own_sigma, sigma)
-    # chi^2 far beyond its spread; or no material likelier than not; or the pixel's own
-    # evidence against what its neighbours made of it
-    own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
-    own = own[p, state.material] / own.sum(axis=1)
-    known = fits(residual, bands)
-    least = max(OWN_PROBABILITY, min(EVEN / len(library), LIKELY))
-    known &= (probability[p, state.material] >= LIKELY) & (own >= least) & (t > 0)
+        t[sky], sigma[sky] = _temperature_at_sky(spectra, library, model, local, state, sky)
+    known = _known(local, state, probability, trust) & fits(residual, len(radiance)) & (t > 0)
     as_map = lambda a, dtype=np.float32: np.ascontiguousarray(
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
     )
@@ -160,3 +146,23 @@ def _maps(radiance, model, local, answer, trust, threads):
         "material_probability": as_map(probability.T),
         "unknown": as_map(~known, bool),  # so that what is no number is unknown
     }
+
+
+def _sigma(local, answer, probability, residual):
+    """(P,) sigma of T, K: the answer's own or, if more, that among all materials, times a misfit
+    beyond the noise (Birge's ratio); and what others than the library's would say."""
+    state, p = answer.state, np.arange(len(residual))
+    off = local.temperature_k - state.temperature_k[:, None]
+    variance = (probability * (local.sigma_k**2 + off**2)).sum(1)
+    variance = np.maximum(variance, answer.sigma_k**2) * np.maximum(residual, 1) ** 2
+    return np.sqrt(variance + OTHER_K**2 * (1 - probability[p, state.material]))
+
+
+def _known(local, state, probability, trust):
+    """(P,) bool: where the answer is likely enough, and not its neighbours' alone against the
+    pixel's own evidence."""
+    p, materials = np.arange(len(state.material)), local.energy.shape[1]
+    own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
+    own = own[p, state.material] / own.sum(axis=1)
+    least = max(OWN_PROBABILITY, min(EVEN / materials, LIKELY))
+    return (probability[p, state.material] >= LIKELY) & (own >= least)

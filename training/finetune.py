@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from physics.estimate import USUAL_OBJECTS
 from physics.machinery.provenance import fingerprint
-from texnet.circumstances import USUAL_OBJECTS, circumstances
+from texnet.circumstances import circumstances
 from texnet.files.library_io import with_sky
 from texnet.learned import check_device, torch_model
 from texnet.methods import by_network

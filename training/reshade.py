@@ -8,6 +8,8 @@ for, in a third of a second, each time a scene's turn comes with other materials
     <folder>/<hash>-traced-<e>/train-0000.npz   a TracedScene
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from physics.bands import equidistant_bands
@@ -83,9 +85,7 @@ class ReshadedSet(SceneSet):
 
     def _trace(self, seed):
         starter = MaterialLibrary.starter()
-        grey = MaterialLibrary(
-            starter.names, starter.wavelength_um, np.full_like(starter.emissivity, TRACED_WITH)
-        )
+        grey = replace(starter, emissivity=np.full_like(starter.emissivity, TRACED_WITH))
         size = (self.settings.size,) * 2
         return trace_scene(random_scene(seed), size, self.settings.spp, seed, grey)
 

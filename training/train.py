@@ -42,7 +42,6 @@ SIDE = 64  # pixels; more of one scene teaches less than more scenes
 TOGETHER = 4  # scenes whose gradients are averaged
 PER_EPOCH = 320  # draws between two checkpoints
 SCENES, VALIDATION_SCENES, EPOCHS = 1600, 40, 60
-VALIDATE_EVERY = 5  # epochs
 VALIDATION_SEED = 7
 WORKERS = cores()  # processes that make draws
 
@@ -234,7 +233,7 @@ def fit(
 ):
     """Train a Training module on Draws, from folder/last.ckpt if it is there -> metrics.
 
-    validation  Draws of which all are measured every VALIDATE_EVERY epochs, or None
+    validation  Draws of which all are measured after the last epoch, or None
     device      "cpu" or "cuda": the first GPU
     progress    called as progress(done, total, "training") after each draw
 
@@ -255,7 +254,7 @@ def fit(
                             save_on_train_epoch_end=True),
             *([Report(progress)] if progress else []),
         ],
-        check_val_every_n_epoch=min(VALIDATE_EVERY, epochs),
+        check_val_every_n_epoch=epochs,
         enable_model_summary=False, enable_progress_bar=False, num_sanity_val_steps=0,
         deterministic=True,
     )  # fmt: skip

@@ -5,9 +5,9 @@ near 1, some metals. What is random is where a band lies, how deep it is and wha
 with.
 """
 
-import numpy as np
+from dataclasses import replace
 
-from physics.library import MaterialLibrary
+import numpy as np
 
 LOWEST, HIGHEST = 0.02, 0.995  # a polished metal; no surface is quite black
 SHIFT_UM = 0.4  # how far a band may move; that of silica does so among the silicates
@@ -24,7 +24,7 @@ def vary(library, rng):
     emissivity = library.emissivity.copy()
     for m in np.flatnonzero(solid):
         emissivity[m] = _another(m, library.emissivity, w, solid, rng)
-    return MaterialLibrary(library.names, w, emissivity, library.hue_deg, library.albedo_rgb)
+    return replace(library, emissivity=emissivity)
 
 
 def _another(m, emissivity, w, solid, rng):

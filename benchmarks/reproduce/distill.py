@@ -111,7 +111,9 @@ def _draw(rows, pictures, ground, path):
         cmap, norm = "gray", common.between(*pair)
         if row["picture"] == "delta":
             cmap, norm = "cividis", LogNorm(1, LARGEST_DELTA)
-        caption = f"correlation {row['correlation']:.2f}"
+        of = " of logarithms" if row["picture"] == "delta" else ""
+        caption = f"correlation{of} {row['correlation']:.2f}"
         common.show(column[0], pair[0], TITLES[row["picture"]], caption, cmap, norm)
-        common.show(column[1], pair[1], "truth", "", cmap, norm, unit=row["unit"])
+        title = "with true T, m and best V" if row["picture"] == "delta" else "truth"
+        common.show(column[1], pair[1], title, "", cmap, norm, unit=row["unit"])
     common.save(fig, path)

@@ -28,7 +28,7 @@ from .errors import (
 from .pictures import draw, said
 
 BANDS = 54
-HALVES, TWO, FIVE = "halves, k = 2", "K-means, k = 2", "K-means, k = 5"
+HALVES, TWO, FIVE = "halves, k = 2", "k = 2", "k = 5"
 
 
 def reproduce(out, full, progress):

@@ -21,7 +21,7 @@ from texnet.vision import tex_vision
 from . import common
 
 SCENES, K = ("forest", "street"), 5
-METHODS = {"sgd": "TeX-SGD", "net+sgd": "network + TeX-SGD"}
+METHODS = {"sgd": "sgd (TeX-SGD)", "net+sgd": "net+sgd"}
 MEASURED = ("material_accuracy", "temperature_rmse_k", "texture_correlation")
 
 

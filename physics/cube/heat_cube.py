@@ -132,6 +132,8 @@ class HeatCube:
         object.__setattr__(self, "wavelength_um", w)
         object.__setattr__(self, "fwhm_um", width)
         object.__setattr__(self, "dead", dead)
+        if self.netd_k is not None:
+            object.__setattr__(self, "netd_k", float(netd))
 
     def __repr__(self):
         w, (height, width) = self.wavelength_um, self.shape

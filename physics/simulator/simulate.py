@@ -4,6 +4,8 @@ Each block of pixels is traced when its turn to be shaded comes and dropped afte
 memory holds a few blocks of paths however large the picture.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..library import MaterialLibrary
@@ -33,8 +35,6 @@ def simulate(
     library = MaterialLibrary.starter() if library is None else library
     fine_um = np.unique(Bands.of(wavelength_um, fwhm_um).fine_um)
     # The roulette need not heed what the curves do outside the bands.
-    at_bands = MaterialLibrary(
-        library.names, fine_um, library.at(fine_um), library.hue_deg, library.albedo_rgb
-    )
+    at_bands = replace(library, wavelength_um=fine_um, emissivity=library.at(fine_um))
     traced = trace_on_demand(scene, size, spp, seed, at_bands)
     return traced.shade(library, wavelength_um, fwhm_um, netd_k, progress=progress)

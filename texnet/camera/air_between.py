@@ -28,18 +28,18 @@ def air_between(nats_of, air_of, about_k, start=RIGHT):
     """The Calibration of start with the Air by which the pixels are likeliest; start if none is.
 
     nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
-             nothing looks like that
+             nothing looks like that; remembered
     air_of   (metres, K) -> Air
     about_k  what the air is about as warm as, or some K warmer, K
     """
-    nats = {start: nats_of(start)}
+    tried = [start]
 
     def likeliest(metres, kelvins):
         """nats per pixel of all so far, and which of so much air of these temperatures is best."""
         able = [k for k in kelvins if k >= about_k + WARMER_K[0]]
         some = [start._replace(air=air_of(metres, k)) for k in able]
-        nats.update({c: nats_of(c) for c in some if c not in nats})
-        loss = losses(nats)
+        tried.extend(some)
+        loss = losses({c: nats_of(c) for c in tried})
         return loss, min(some, key=loss.get)
 
     usual, near = [about_k + k for k in WARMER_K], []

@@ -60,14 +60,9 @@ def band_gains(cube, environment, explain, library, quarter):
     return Calibration(bands=gains) if len(more) >= LEAST_KINDS else None
 
 
-def ground(maps, library):
-    """Which pixels are not sky, of maps by name."""
-    return maps["material"] != (-1 if library.sky_index is None else library.sky_index)
-
-
 def _more(cube, library, maps):
     """(materials, bands) by how much the radiance of each is more than Eq. 1 makes of it."""
-    pixels = ground(maps, library) & np.isfinite(maps["residual"])
+    pixels = (maps["material"] != library.sky_index) & np.isfinite(maps["residual"])
     if pixels.any():
         pixels &= maps["residual"] <= np.quantile(maps["residual"][pixels], FITTING)
     material, t = maps["material"][pixels], maps["temperature_k"][pixels]

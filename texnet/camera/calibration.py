@@ -42,8 +42,9 @@ from physics.library import MaterialLibrary
 from physics.machinery import scratch
 from physics.planck import brightness_temperature
 
+from ..methods import Look
 from .air_between import air_between
-from .band_gains import FIRST, band_gains, ground
+from .band_gains import FIRST, band_gains
 from .correction import RIGHT, corrected, corrected_environment
 from .gain_or_offset import first_look, gain_or_offset, losses
 
@@ -207,7 +208,7 @@ class _Scene(NamedTuple):
     part: HeatCube
     environment: Environment
     library: MaterialLibrary
-    look: object
+    look: Look
     seen: np.ndarray | None = None
 
     def maps(self, environment, part, alike=None):
@@ -225,7 +226,8 @@ class _Scene(NamedTuple):
 
     def quarter(self, maps):
         """What is left, in noise units, even of the ground's pixels that fit best."""
-        residual = maps["residual"][ground(maps, self.library) & np.isfinite(maps["residual"])]
+        residual = maps["residual"][maps["material"] != self.library.sky_index]
+        residual = residual[np.isfinite(residual)]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
     def left(self, c):

@@ -20,9 +20,9 @@ from physics.air import Air
 from physics.errors import Implausible
 from physics.expected import Expected
 
-from ..doubt import over_nine
 from ..glance import PATCH, from_afar
 from .correction import corrected
+from .gain_or_offset import lowest
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
 SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2
@@ -52,13 +52,14 @@ def distances(cube, environment, look, materials, found):
 
 def _likeliest(nats):
     """(h, w) octaves by which patches of nats (octaves, h, w) are nearer or farther than usual."""
+    from scipy.ndimage import uniform_filter  # few cubes need it
+
     nats = np.where(np.isfinite(nats), nats, np.inf)
     least = nats.min(axis=0)
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
-    energy = np.array([over_nine(np.add, np.pad(n, 1, mode="edge")) for n in nats]) / 9
+    energy = uniform_filter(nats, (1, 3, 3), mode="nearest")
     energy += (OCTAVES * math.log(2))[:, None, None] ** 2 / (2 * SPREAD**2)
     # the lowest of a parabola about the best
     at = np.clip(energy.argmin(axis=0), 1, len(OCTAVES) - 2)
     below, here, above = (np.take_along_axis(energy, at[None] + i, 0)[0] for i in (-1, 0, 1))
-    bend = np.maximum(below - 2 * here + above, 1e-9)
-    return OCTAVES[at] + np.clip(0.5 * (below - above) / bend, -1, 1)
+    return OCTAVES[at] + lowest(below, here, above)

@@ -61,25 +61,18 @@ def gain_or_offset(nats_of, sky):
     """The Calibration by which the pixels are likeliest; RIGHT if none is by far.
 
     nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
-             nothing looks like that
+             nothing looks like that; remembered
     sky      whether it is in view
 
     A first look at a few errors tells whether there is anything to find. Then all steps of both
     kinds are tried, half a step around the best of each, and the lowest of a parabola there.
     """
-    nats = {}
-
-    def see(all_of):
-        for c in all_of:
-            if c not in nats:
-                nats[c] = nats_of(c)
-
-    see([RIGHT, *first_look()])
-    loss = losses(nats, np.median(nats[RIGHT]))
+    tried = [RIGHT, *first_look()]
+    loss = losses({c: nats_of(c) for c in tried}, np.median(nats_of(RIGHT)))
     if min(loss, key=loss.get) == RIGHT:
         return RIGHT
-    best = [_best_of(kind, see, nats) for kind in KINDS]
-    loss = losses(nats)
+    best = [_best_of(kind, tried, nats_of) for kind in KINDS]
+    loss = losses({c: nats_of(c) for c in tried})
     one, other = sorted(best, key=lambda b: loss[b.around[1]])
     gained, lead = loss[RIGHT] - loss[one.around[1]], loss[other.around[1]] - loss[one.around[1]]
     if gained < one.kind.worth or lead < LEAD:
@@ -88,7 +81,7 @@ def gain_or_offset(nats_of, sky):
         return RIGHT
     if one.kind is OFFSET and not sky:  # a sky that was missed looks like one
         return RIGHT
-    error = one.error + one.kind.step / 2 * _lowest(*(loss[c] for c in one.around))
+    error = one.error + one.kind.step / 2 * float(lowest(*(loss[c] for c in one.around)))
     if abs(error) < one.kind.least:
         return RIGHT
     return one.kind.of(round(error, 4))
@@ -99,15 +92,15 @@ def first_look():
     return [k.of(sign * error) for k in KINDS for error in k.first for sign in (-1, 1)]
 
 
-def _best_of(kind, see, nats):
-    """The Best of all steps of a Kind."""
+def _best_of(kind, tried, nats_of):
+    """The Best of all steps of a Kind; what it takes is added to the Calibrations tried."""
     n = round(kind.most / kind.step)
     errors = {kind.of(kind.step * i): kind.step * i for i in range(-n, n + 1) if i}
-    see(errors)
-    loss = losses(nats)
+    tried.extend(errors)
+    loss = losses({c: nats_of(c) for c in tried})
     error = errors[min(errors, key=loss.get)]
     around = tuple(kind.of(error + side * kind.step / 2) for side in (-1, 0, 1))
-    see(around)
+    tried.extend(around)
     return Best(kind, error, around)
 
 
@@ -119,7 +112,9 @@ def losses(all_nats, typical=None):
     return {c: np.minimum(nats, typical + ENOUGH).mean() for c, nats in all_nats.items()}
 
 
-def _lowest(below, at, above):
-    """Where a parabola through values at -1, 0 and 1 is least, within these."""
-    bend = below - 2 * at + above
-    return float(np.clip(0.5 * (below - above) / bend, -1, 1)) if bend > 0 else 0.0
+def lowest(below, at, above):
+    """Where parabolas through values at -1, 0 and 1 are least, within these; 0 where they are
+    straight lines, or the wrong way up."""
+    bend = np.asarray(below - 2 * at + above)
+    slope = np.divide(below - above, 2 * bend, out=np.zeros(bend.shape), where=bend > 0)
+    return np.clip(slope, -1, 1)
