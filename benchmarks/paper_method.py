@@ -20,7 +20,7 @@ from sklearn.cluster import KMeans
 from physics.environment import Environment
 from physics.exact.local import solve_local
 from physics.exact.reduced import groups, reduce_model
-from physics.exact.semiglobal import Objective, refine, unsmoothed
+from physics.exact.semiglobal import Objective, smoothed, unsmoothed
 from physics.library import SKY
 from physics.prior import V_PRECISION
 from texnet.pipeline import Decomposition
@@ -56,7 +56,7 @@ def paper_decompose(cube, library, environment):
     misfit = _misfit(cube, objective, alone.state)
     loud = replace(cube, netd_k=cube.netd_k * max(1.0, float(np.median(misfit))))
     objective = _objective(loud, plain, environment)
-    answer = refine(objective, objective.local_state())
+    answer = smoothed(objective, objective.local_state())
 
     state, radiance = answer.state, environment.radiance
     is_sky = state.material == library.sky_index

@@ -27,7 +27,7 @@ from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
-from physics.exact.semiglobal import Objective, refine
+from physics.exact.semiglobal import Objective, smoothed
 from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import whole_file
@@ -54,7 +54,7 @@ def curves(cube, library, rng):
         stamps = []
         clock = time.perf_counter()
         note = lambda *_, to=stamps: to.append(time.perf_counter())
-        refined = refine(objective, states[start], note)
+        refined = smoothed(objective, states[start], note)
         # the trace also holds the start and the steps before the first round
         rounds = len(stamps)
         first = seconds.get(start, 0.0)

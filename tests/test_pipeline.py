@@ -229,7 +229,7 @@ def test_progress_is_reported_to_the_end():
     seen = []
     decompose(cube, LIBRARY, method="sgd", progress=lambda *a: seen.append(a))
     seen = [a for a in seen if a[2] != COMPILING]
-    assert {what for *_, what in seen} == {"local", "refine"}
+    assert {what for *_, what in seen} == {"local", "smooth"}
     assert max(done / total for done, total, what in seen if what == "local") == 1
     assert all(0 < done <= total for done, total, _ in seen)
     seen.clear()

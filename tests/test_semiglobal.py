@@ -18,7 +18,7 @@ from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
-from physics.exact.semiglobal import Objective, State, refine, unsmoothed
+from physics.exact.semiglobal import Objective, State, smoothed, unsmoothed
 from physics.planck import noise_sigma, radiance, radiance_derivative
 from physics.prior import V_PRECISION
 
@@ -125,7 +125,7 @@ def test_refining_never_increases_the_objective(seed, k, rich):
     scene = Scene(curves(5, seed, sky=rich), environment, (8, 9), netd, seed)
     objective = scene.objective()
     for name, start in starts(objective, rng):
-        answer = refine(objective, start)
+        answer = smoothed(objective, start)
         trace = np.array(answer.objective)
         # chi^2 is a small difference of sums as large as |s|^2 / 2
         rounding = 1e-15 * 0.5 * ((objective.spectra / objective.model.sigma) ** 2).sum()
@@ -164,7 +164,7 @@ def test_refining_an_answer_again_never_makes_it_worse():
         objective = Scene(curves(6, seed), surroundings(3), (10, 12), 0.4, seed).objective()
         start = objective.local_state()
         for _ in range(4):
-            answer = refine(objective, start)
+            answer = smoothed(objective, start)
             assert (np.diff(answer.objective) <= 1e-9 * abs(answer.objective[0])).all()
             start = answer.state
 
@@ -294,7 +294,7 @@ def test_agrees_with_the_formula(spread, sky):
     assert len(set(objective.model.sky_share[row])) == (4 if sky else 1)
     fitted = objective.descend_tv(scattered)[0]
     local = objective.local_state()
-    for state in (scattered, fitted, local, refine(objective, local).state):
+    for state in (scattered, fitted, local, smoothed(objective, local).state):
         ours, slow = objective.unaries(state), slow_unaries(scene, objective, state)
         # the Chebyshev series is exact to 0.005 noise units in each band
         slack = 0.02 + 0.005 * np.sqrt(24) * np.sqrt(2 * ours.clip(1))
@@ -381,7 +381,7 @@ def test_gradient_through_eq1_is_that_of_the_objective(k):
     scene = Scene(curves(5, 4), surroundings(k), (6, 7), 0.1, 6)
     objective = scene.objective()
     rng = np.random.default_rng(1)
-    n, start = 42, refine(objective, objective.local_state()).state
+    n, start = 42, smoothed(objective, objective.local_state()).state
     t = start.temperature_k.ravel() + rng.normal(size=n) * 0.3
     v = 0.9 * start.thermal_lighting + 0.1 / k
     tensors = [torch.tensor(a, dtype=torch.float64, requires_grad=True) for a in (t, v)]
@@ -452,7 +452,7 @@ def solve(library, environment, s, netd):
     cube = HeatCube(s.transpose(2, 0, 1), environment.wavelength_um, netd_k=netd)
     model = reduce_model(cube, library, environment)
     objective = Objective(model, cube, solve_local(model, cube.spectra))
-    return objective, refine(objective, objective.local_state()).state
+    return objective, smoothed(objective, objective.local_state()).state
 
 
 def test_an_isolated_wrong_pixel_is_corrected(plain):
@@ -524,7 +524,7 @@ def test_permuting_the_library_permutes_the_answer(scene):
     pixels = np.arange(20 * 26)
     value = [o.value(o.local_state()) for o in (a, b)]
     assert value[0] == pytest.approx(value[1], abs=1e-3 * len(pixels))
-    answers = [refine(o, o.local_state()) for o in (a, b)]
+    answers = [smoothed(o, o.local_state()) for o in (a, b)]
     same_answer(*answers, a, b, pixels, order)
 
 
@@ -536,12 +536,12 @@ def test_flipping_the_picture_flips_the_answer(scene, flip):
     a, b = scene.objective(), scene.objective(flipped)
     value = [o.value(o.local_state()) for o in (a, b)]
     assert value[0] == pytest.approx(value[1], abs=1e-3 * len(pixels))
-    answers = [refine(o, o.local_state()) for o in (a, b)]
+    answers = [smoothed(o, o.local_state()) for o in (a, b)]
     same_answer(*answers, a, b, pixels, np.arange(6))
 
 
 def test_progress_is_reported(scene):
     objective, seen = scene.objective(), []
-    refine(objective, objective.local_state(), lambda *a: seen.append(a))
+    smoothed(objective, objective.local_state(), lambda *a: seen.append(a))
     assert seen and all(0 < done <= total for done, total in seen)
     assert [done for done, _ in seen] == sorted({done for done, _ in seen})

@@ -9,7 +9,7 @@ from physics.cube import hot
 from physics.exact.distill import distill
 from physics.exact.local import solve_local
 from physics.exact.reduced import Temperatures, reduce_model
-from physics.exact.semiglobal import Objective, refine, unsmoothed
+from physics.exact.semiglobal import Objective, smoothed, unsmoothed
 from physics.machinery.blas import no_blas_threads
 from physics.machinery.tiles import TILE_BYTES, run_tiled
 from physics.planck import brightness_temperature
@@ -52,8 +52,8 @@ def solve_smooth(cube, library, environment, report, lap):
         local = solve_local(model, cube.spectra, report("local"))
         lap("local")
         objective = Objective(model, cube, local)
-        answer = refine(objective, objective.local_state(), report("refine"))
-        lap("refine")
+        answer = smoothed(objective, objective.local_state(), report("smooth"))
+        lap("smooth")
         trust = smooth_trust(cube.bands)
         maps = _maps(cube.radiance, model, local, answer, trust, numba.get_num_threads())
         lap("texture")

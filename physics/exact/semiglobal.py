@@ -15,7 +15,7 @@ weights follow the cube's own spectral edges (as in Rother et al. 2004, "GrabCut
 but with the median, since the few edges against the sky outweigh all others):
 w_pq = exp(-|s_p - s_q|^2 / (8 median |s_p - s_q|^2)).
 
-`refine` decreases E from any T, m, V, never increasing it, by two kinds of step:
+`smoothed` decreases E from any T, m, V, never increasing it, by two kinds of step:
 
 T and V   At the present T the edge cost is majorised by a quadratic (half-quadratic
           weights, Geman & Reynolds 1992) and that by a separable one, so each pixel is
@@ -91,8 +91,8 @@ def edge_weights(radiance, sigma, dead):
 
 
 @dataclass(frozen=True, eq=False)
-class Refined:
-    """What `refine` returns: the state, sigma of T (P,) K, material probabilities (P, L)
+class Smoothed:
+    """What `smoothed` returns: the state, sigma of T (P,) K, material probabilities (P, L)
     of the mean-field approximation, and E at the start and after every descent."""
 
     state: State
@@ -101,14 +101,14 @@ class Refined:
     objective: tuple[float, ...]
 
 
-def unsmoothed(local: LocalSolution) -> Refined:
+def unsmoothed(local: LocalSolution) -> Smoothed:
     """The local answer alone: of every pixel the material of least energy."""
     p, m = np.arange(len(local.energy)), local.energy.argmin(axis=1)
     state = State(
         temperature_k=local.temperature_k[p, m].astype(np.float64), material=m,
         thermal_lighting=local.lighting.astype(np.float64), row=local.row[p, m],
     )  # fmt: skip
-    return Refined(
+    return Smoothed(
         state=state, sigma_k=local.sigma_k[p, m].astype(np.float64),
         probability=_softmax(-local.energy), objective=(),
     )  # fmt: skip
@@ -142,7 +142,7 @@ class Objective:
         Raises InputError where m is the sky and there is none in view.
         """
         if not np.isfinite(self.local.energy[np.arange(len(material)), material]).all():
-            raise InputError("refine: a pixel starts as sky, but the environment has no sky.")
+            raise InputError("smoothed: a pixel starts as sky, but the environment has no sky.")
         row = self.local.row[np.arange(len(material)), material]
         return State(
             temperature_k=np.asarray(temperature_k, float), material=material,
@@ -220,7 +220,7 @@ class Objective:
         return q
 
 
-def refine(objective: Objective, state: State, progress=None) -> Refined:
+def smoothed(objective: Objective, state: State, progress=None) -> Smoothed:
     """Decrease E from any state, monotonically, until it stops moving."""
     trace = [objective.value(state)]
     probability = objective.mean_field()
@@ -241,7 +241,7 @@ def refine(objective: Objective, state: State, progress=None) -> Refined:
             break
     state, _, sigma = current
     trace = tuple(float(value) for value in trace)
-    return Refined(state=state, sigma_k=sigma, probability=probability, objective=trace)
+    return Smoothed(state=state, sigma_k=sigma, probability=probability, objective=trace)
 
 
 def _relabel(objective, state, material):

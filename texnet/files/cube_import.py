@@ -31,7 +31,7 @@ HEAT_CUBE = "heat cube"
 HADAR_MAT, HADAR = "HADAR .mat", ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
-OURS, ONLY_OURS = {"radiance", "wavelength_um"}, {"fwhm_um", "netd_k"}
+OUR_ARRAYS, ONLY_OURS = {"radiance", "wavelength_um"}, {"fwhm_um", "netd_k"}
 GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_indices")
 
 
@@ -158,7 +158,7 @@ def _read_mat(path):
 
 def _read_npz(path):
     held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS))
-    if OURS <= set(held) and not set(held).isdisjoint(ONLY_OURS):
+    if OUR_ARRAYS <= set(held) and not set(held).isdisjoint(ONLY_OURS):
         return _read_ours(path)
     return _tex1500(path, held, arrays, lambda key: unpacked(path, key))
 

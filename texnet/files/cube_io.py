@@ -39,9 +39,9 @@ EXPONENT = {
     None: 0, "Y": 24, "Z": 21, "E": 18, "P": 15, "T": 12, "G": 9, "M": 6, "k": 3, "h": 2,
     "da": 1, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12,
 }  # fmt: skip
-UNITS = "W.m^-2.sr^-1"
+EXR_UNITS = "W.m^-2.sr^-1"
 # W m-2 sr-1 per this, times the factor, is W m-2 sr-1 per um.
-PER_UM = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
+EXR_DENSITIES = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
 READ_BYTES = 1 << 26  # at once
 BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k")
 SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
@@ -292,7 +292,7 @@ def _write_exr(cube, path):
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "spectralLayoutVersion": "1.0",
-        "emissiveUnits": UNITS,
+        "emissiveUnits": EXR_UNITS,
         "texnetSpectralDensity": "um^-1",
         # As text, because a float attribute holds 32 bits and these are 64.
         "texnetFwhmUm": " ".join(repr(float(w)) for w in cube.fwhm_um),
@@ -307,13 +307,13 @@ def _to_per_um(header, path):
     """Factor from the file's radiance to W m-2 sr-1 um-1; InputError if it is not said."""
     units = str(header.get("emissiveUnits", "")).replace("\u00b5", "u").replace("\u03bc", "u")
     density = header.get("texnetSpectralDensity")
-    if units == UNITS and density == "um^-1":
+    if units == EXR_UNITS and density == "um^-1":
         return 1.0
-    if density is None and units.startswith(UNITS) and units[len(UNITS) :] in PER_UM:
-        return PER_UM[units[len(UNITS) :]]
+    if density is None and units.startswith(EXR_UNITS) and units[len(EXR_UNITS) :] in EXR_DENSITIES:
+        return EXR_DENSITIES[units[len(EXR_UNITS) :]]
     raise InputError(
         f"cube: {path} does not say per what unit of wavelength its radiance is "
-        f"(emissiveUnits is {units!r}); set emissiveUnits to {UNITS}.um^-1, .nm^-1 or .m^-1."
+        f"(emissiveUnits is {units!r}); set emissiveUnits to {EXR_UNITS}.um^-1, .nm^-1 or .m^-1."
     )
 
 

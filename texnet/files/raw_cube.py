@@ -36,7 +36,7 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "mW/m2/sr/cm-1": (1e-3, True),
     "W/cm2/sr/cm-1": (1e4, True),
 }
-OURS = "W/m2/sr/um"
+OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
 ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
@@ -140,7 +140,7 @@ def heat_cube(raw, netd_k=None, progress=None):
         raw.what,
         f"{bands} bands of {height} x {width} pixels",
         *raw.words,
-        raw.unit + (" kept" if raw.unit == OURS else " became W m-2 sr-1 um-1"),
+        raw.unit + (" kept" if raw.unit == OUR_UNIT else " became W m-2 sr-1 um-1"),
         *said_of_bands,
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
