@@ -25,7 +25,8 @@ class Truth:
     material_names  names, as in the library
     emissivity      (bands, height, width) e, 0..1
     texture         (bands, height, width) X, W m-2 sr-1 um-1
-    sky_view        (height, width) V_sky, cosine-weighted part of the hemisphere that is sky
+    sky_view        (height, width) V_sky, cosine-weighted part of the hemisphere that is sky; of
+                    a mirror, the part of what it reflects
     sky_texture     (height, width) band mean of X with every emitter but the sky off
     visible         (height, width, 3) linear RGB daylight picture, about 0..1
     wavelength_um   (bands,) float64, um

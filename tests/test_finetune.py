@@ -42,6 +42,7 @@ ROOT = Path(__file__).parent.parent
 STARTER = MaterialLibrary.starter()
 TINY = Settings(size=24, spp=8)
 NEW = STARTER.subset(["sky", "sand", "ice", "steel"])
+MATT = STARTER.subset([n for n in STARTER.names if n not in ("aluminium", "copper")])
 DRAWS = 4  # per epoch: one step
 
 
@@ -91,10 +92,10 @@ def same(a, b):
 
 
 def test_the_same_paths_serve_any_library(traced, cache):
-    other = ReshadedSet(cache, "train", 2, STARTER)
+    other = ReshadedSet(cache, "train", 2, MATT)
     assert other.path(0) == traced.path(0) and len(traced) == reshade.TURNS * 2
     a, b = traced[0], other[0]
-    assert a.names == NEW.names and b.names == STARTER.names
+    assert a.names == NEW.names and b.names == MATT.names
     # but for mixed pixels, where another material may have the majority
     assert np.mean(a.temperature_k == b.temperature_k) > 0.8
     assert np.mean(a.sky_view == b.sky_view) > 0.8
@@ -102,9 +103,9 @@ def test_the_same_paths_serve_any_library(traced, cache):
 
 
 def test_each_turn_has_other_materials_and_a_seed_says_which(traced, cache):
-    again, other = (ReshadedSet(cache, "train", 2, STARTER, seed) for seed in (0, 1))
+    again, other = (ReshadedSet(cache, "train", 2, MATT, seed) for seed in (0, 1))
     first = again[0]
-    repeated = ReshadedSet(cache, "train", 2, STARTER)[0]
+    repeated = ReshadedSet(cache, "train", 2, MATT)[0]
     np.testing.assert_array_equal(first.radiance, repeated.radiance)
     for record in (again[2], other[0]):
         assert np.mean(record.temperature_k == first.temperature_k) > 0.8
@@ -162,6 +163,14 @@ def test_a_library_of_part_of_the_bands(traced, cache):
         ReshadedSet(cache, "train", 2, few)
     with pytest.raises(InputError, match="no material but the sky"):
         ReshadedSet(cache, "train", 2, NEW.subset([SKY]))
+
+
+@pytest.mark.parametrize("e", [0.9, 0.12, 0.04])
+def test_weights_of_the_paths_stay_tame_whatever_the_metal(tmp_path, e):
+    """Their mean square, bounce by bounce, grows like that of (1 - e) / (1 - traced_with)."""
+    metal = MaterialLibrary(["sky", "metal"], [8.0, 14.0], [[0.5, 0.5], [e, e]])
+    q = 1 - ReshadedSet(tmp_path, "train", 1, metal).traced_with
+    assert (1 - e) ** 2 / q < 1
 
 
 # --- fine-tuning -------------------------------------------------------------------------
@@ -246,6 +255,35 @@ def test_another_noise_is_another_run(cache, cube):
         weights(finetune(network(), NEW, cache, epochs=1, cubes=[c])[0]) for c in (cube, noisy)
     ]
     assert any(not torch.equal(a, results[1][name]) for name, a in results[0].items())
+
+
+def test_what_validates_is_not_what_trains(cache, cube, monkeypatch):
+    """By any seed."""
+    seen = []
+    monkeypatch.setattr(module, "_measure", lambda m, draws: seen.append(draws) or {})
+    monkeypatch.setattr(module, "fit", lambda m, draws, *_, **__: seen.append(draws))
+    tall = HeatCube(np.tile(cube.radiance, (1, 5, 5)), cube.wavelength_um, cube.fwhm_um, 0.05)
+    finetune(network(), NEW, cache, epochs=1, cubes=[tall], seed=train_module.VALIDATION_SEED)
+    held_out, draws, _ = seen
+    for i in range(6):
+        assert not torch.equal(held_out[i][0].radiance, draws[i][0].radiance)
+
+
+@pytest.mark.parametrize("what", ["checkpoint", "scene"])
+def test_a_damaged_file_of_the_cache_is_named(tmp_path, what, monkeypatch):
+    scenes = ReshadedSet(tmp_path, "train", 1, NEW)
+    scenes.make()
+    file = tmp_path / "run" / "last.ckpt" if what == "checkpoint" else scenes.path(0)
+    if what == "checkpoint":
+        file.parent.mkdir()
+        file.write_bytes(b"PK" + bytes(100))
+    else:
+        file.write_bytes(file.read_bytes()[:-1000])
+        monkeypatch.setattr(train_module, "WORKERS", 1)
+    with pytest.raises(InputError, match=f"(?s)^(?!.*Traceback).*{file.name}") as caught:
+        part = Training(network(), 1)
+        fit(part, Draws(scenes, 0), None, tmp_path / "run", epochs=1, per_epoch=DRAWS)
+    assert "\n" not in str(caught.value)
 
 
 def test_crops_are_small_and_know_the_whole_cube(cube):

@@ -116,6 +116,7 @@ def test_temperature_fields(write):
         (with_object(mesh={"shape": ["box"]}), "box, sphere, plane, cylinder"),
         (with_object(mesh={"shape": {}}), "box, sphere, plane, cylinder"),
         (with_object(scale=1e30), "beyond 1e\\+09 m"),
+        (with_object(scale=1e5), "reaches [12]00 km from the camera; cut it at 20 km"),
         (with_object(mesh={"shape": "sphere"}), "lacks 'radius'"),
         (with_object(mesh={"shape": "sphere", "radius": 0}), "must be positive"),
         (with_object(mesh={"shape": "box", "size": [1, 2]}), "must be 3 numbers"),
@@ -135,6 +136,35 @@ def test_mistakes_are_one_sentence(write, change, message):
     with pytest.raises(InputError, match=message) as caught:
         load_scene(write(change))
     assert "\n" not in str(caught.value) and str(caught.value).count(". ") == 0
+
+
+def test_vertices_of_an_obj_are_the_file_s(write, tmp_path):
+    """Whatever its materials, groups and seams, and letters of its comments: temperatures go by
+    them."""
+    text = "# Größe\nv 0 0 0\nv 1 0 0\nv 0 0 1\nv 3 0 0\nv 4 0 0\nv 3 0 1\nvt 0 0\nvt 1 1\n"
+    text += "usemtl a\nf 1/1 2/2 3/1\ng b\nusemtl b\nf 4/2//1 \\\n 5/1//1 6/1//1\n"
+    (tmp_path / "two.obj").write_bytes(text.encode("latin-1"))
+    t = [280, 280, 280, 320, 320, 320]
+    (two,) = load_scene(write(with_object(mesh="two.obj", temperature_k=t))).objects
+    assert two.mesh.vertices.shape == (6, 3) and len(two.mesh.faces) == 2
+    for face in two.mesh.faces:
+        left = two.mesh.vertices[face, 1].max() < 5  # turned by 90 degrees, moved by 2
+        assert (two.temperature_k[face] == (280 if left else 320)).all()
+
+
+def test_an_stl_is_smooth_too(write):
+    ply, stl = (load_scene(write(with_object(mesh=f"rock.{s}"))).objects[0] for s in ("ply", "stl"))
+    assert stl.smooth and len(stl.mesh.vertices) == len(ply.mesh.vertices) == 4
+
+
+def test_triangles_that_are_wound_both_ways_are_flat(write, tmp_path):
+    mesh = trimesh.creation.icosphere(1)
+    faces = mesh.faces.copy()
+    faces[::2] = faces[::2, ::-1]
+    trimesh.Trimesh(mesh.vertices, faces, process=False).export(tmp_path / "mixed.ply")
+    assert not load_scene(write(with_object(mesh="mixed.ply"))).objects[0].smooth
+    with pytest.raises(InputError, match="wound both ways"):
+        load_scene(write(with_object(mesh="mixed.ply", smooth=True)))
 
 
 def test_a_seed_may_be_any_whole_number(write):

@@ -67,6 +67,23 @@ OUTDOOR = library(soil=(0.95, 0.9), paint=(0.6, 0.8))
 # ---------------------------------------------------------------- closed forms
 
 
+def test_a_scene_may_lie_anywhere():
+    """As in coordinates of a map, which 32 bits know to half a metre."""
+    lib = library(soil=0.9, paint=0.5)
+
+    def seen(at):
+        objects = [ground(half=500.0), ball()]
+        moved = [replace(o, mesh=o.mesh.copy().apply_translation(at)) for o in objects]
+        camera = Camera(np.add((0, -8, 2), at), np.add((0, 0, 1), at))
+        return render(Scene(moved, camera, Atmosphere(288)), lib)
+
+    (here, truth), (there, moved) = seen((0, 0, 0)), seen((5.12e5, 4.6e6, 100.0))
+    same = truth.material == moved.material  # the fraction of a step is left
+    assert same.mean() > 0.97 and abs((moved.sky_view - truth.sky_view)[same].mean()) < 0.01
+    off = (there.radiance - here.radiance)[:, same] / noise_sigma(BANDS, 1.0)[:, None]
+    assert np.abs(off.mean(axis=1)).max() < 0.1
+
+
 def test_distances_are_those_of_the_pixels_middles():
     """A camera 2 m above a plane sees its point straight along a ray 2 / sin(depression) away, and
     no nearer than it is high."""

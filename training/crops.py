@@ -28,6 +28,7 @@ class Crops(Dataset):
 
     def __init__(self, cubes, assume_sky, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
+        self.stream = 2  # of random numbers
         for cube, assume in zip(cubes, assume_sky, strict=True):
             most = min(OBJECTS[1], cube.measured_count)
             known = []
@@ -43,7 +44,7 @@ class Crops(Dataset):
 
     def __getitem__(self, i):
         radiance, dead, known = self.cubes[i % len(self)]
-        rng = np.random.default_rng([self.seed, 2, i])
+        rng = np.random.default_rng([self.seed, self.stream, i])
         known = known[rng.integers(len(known))]
         side = self.side
         for _ in range(TRIES):

@@ -66,7 +66,7 @@ def finetune(
         taken = [calibrated(cube, whole, network, device) for cube in cubes]
         draws = Crops(*zip(*taken, strict=True), whole, seed, SIDE)
         held_out = copy.copy(draws)  # other crops of the same cubes
-        held_out.seed = VALIDATION_SEED
+        held_out.stream += 1
     else:
         terms, rate = "both", LEARNING_RATE
         sets = [

@@ -21,7 +21,9 @@ from texnet.files.library_io import with_sky
 
 from .scenes import BASE_SEED, Record, SceneSet, Settings, of_seed
 
-TRACED_WITH = 0.3  # e: paths long enough for curves down to that of bare metal
+# e of all that is traced: the less, the longer the paths. Weights (1 - e) / (1 - TRACED_WITH) stay
+# tame where their mean square is below 1: for e of 0.16, 0.05 and 0.015 and more
+TRACED_WITH = 0.3, 0.1, 0.03
 TURNS = 8  # other materials for each scene, before they repeat
 MIN_BANDS = 8  # half a micrometre
 
@@ -41,8 +43,6 @@ class ReshadedSet(SceneSet):
 
     def __init__(self, folder, split, count, library, seed=0, settings=Settings()):  # noqa: B008 (it is frozen)
         super().__init__(folder, split, count, settings)
-        # the same hash: the same scenes
-        self.folder = self.folder.with_name(f"{self.folder.name}-traced-{TRACED_WITH}")
         self.library, self.seed = with_sky(library), seed
         if len(self.library) < 2:
             raise InputError("library: it holds no material but the sky.")
@@ -55,6 +55,12 @@ class ReshadedSet(SceneSet):
                 "more of 8-14 um."
             )
         self.wavelength_um, self.fwhm_um = w[inside], width[inside]
+        solid = np.arange(len(self.library)) != self.library.sky_index
+        most_reflected = 1 - self.library.at(self.wavelength_um)[solid].min()
+        tame = [e for e in TRACED_WITH if most_reflected**2 < 1 - e]
+        self.traced_with = tame[0] if tame else TRACED_WITH[-1]
+        # the same hash: the same scenes
+        self.folder = self.folder.with_name(f"{self.folder.name}-traced-{self.traced_with}")
 
     def __len__(self):
         return TURNS * self.count
@@ -85,7 +91,7 @@ class ReshadedSet(SceneSet):
 
     def _trace(self, seed):
         starter = MaterialLibrary.starter()
-        grey = replace(starter, emissivity=np.full_like(starter.emissivity, TRACED_WITH))
+        grey = replace(starter, emissivity=np.full_like(starter.emissivity, self.traced_with))
         size = (self.settings.size,) * 2
         return trace_scene(random_scene(seed), size, self.settings.spp, seed, grey)
 
@@ -95,6 +101,6 @@ class ReshadedSet(SceneSet):
             "what": "light paths of simulated scenes, traced by training/reshade.py",
             "size": self.settings.size,
             "spp": self.settings.spp,
-            "traced_with_emissivity": TRACED_WITH,
+            "traced_with_emissivity": self.traced_with,
             "first_seed": BASE_SEED,
         }

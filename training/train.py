@@ -8,6 +8,7 @@ batch is one scene, because libraries and bands differ in size; gradients of a f
 import atexit
 import logging
 import os
+import pickle
 import signal
 import time
 import warnings
@@ -243,7 +244,7 @@ def fit(
     quiet()
     last, order = Path(folder) / "last.ckpt", Epoch(per_epoch)
     if last.exists():  # Lightning begins to draw before it tells the first epoch
-        order.set_epoch(torch.load(last, weights_only=True)["epoch"] + 1)
+        order.set_epoch(_epoch_of(last) + 1)
     trainer = lightning.Trainer(
         accelerator="cpu" if device == "cpu" else "gpu", devices=1,
         max_epochs=epochs, accumulate_grad_batches=TOGETHER, gradient_clip_val=1.0,
@@ -266,6 +267,8 @@ def fit(
             None if validation is None else Loader(validation, range(len(validation))),
             ckpt_path=last if last.exists() else None, weights_only=True,
         )  # fmt: skip
+    except InputError as e:  # of a worker, with all that led to it; its own words end it
+        raise InputError(str(e).rpartition("InputError: ")[2].strip()) from e
     except torch.OutOfMemoryError as e:
         raise InputError("device: the GPU has too little memory; take --device cpu.") from e
     except SystemExit as e:
@@ -277,6 +280,14 @@ def fit(
     finally:
         torch.set_num_threads(threads)
     return module.metrics
+
+
+def _epoch_of(checkpoint):
+    """The last epoch of a checkpoint."""
+    try:
+        return torch.load(checkpoint, weights_only=True)["epoch"]
+    except (RuntimeError, EOFError, KeyError, pickle.UnpicklingError) as e:
+        raise InputError(f"training: {checkpoint} is damaged; delete it to begin anew.") from e
 
 
 def quiet():

@@ -15,6 +15,7 @@ import functools
 import numpy as np
 import trimesh
 
+CANCELLED = 1e-6  # of the length of normals, below which their sum is rounding
 # A fixed rotation hides the noise lattice, which would otherwise align with walls and ground.
 _TILT = trimesh.transformations.euler_matrix(0.61, 0.37, 0.83)[:3, :3]
 
@@ -77,14 +78,18 @@ def fractal_noise(points, scale_m, seed, octaves=4, gain=0.5):
 
 
 def normals(m):
-    """(vertices, 3) unit normals, area weighted."""
+    """(vertices, 3) unit normals, area weighted; 0 where the faces' cancel, as of both sides of a
+    sheet."""
     v = m.vertices.view(np.ndarray)
     n = np.cross(v[m.faces[:, 1]] - v[m.faces[:, 0]], v[m.faces[:, 2]] - v[m.faces[:, 0]])
     total = np.stack(
         [np.bincount(m.faces.ravel(), np.repeat(n[:, k], 3), minlength=len(v)) for k in range(3)],
         axis=1,
     )
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
+    most = np.bincount(m.faces.ravel(), np.repeat(np.linalg.norm(n, axis=1), 3), minlength=len(v))
+    length = np.linalg.norm(total, axis=1)
+    length[length <= CANCELLED * most] = np.inf
+    return total / length[:, None]
 
 
 def displace(m, height):

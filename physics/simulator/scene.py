@@ -12,7 +12,9 @@ import trimesh
 from ..errors import InputError
 from ..sky import Atmosphere
 
-MAX_M = 1e9  # from the origin: rays are traced in 32 bits
+MAX_M = 1e9  # from the origin
+# from the camera: rays are traced in 32 bits, and leak by a facet's size over half a million
+MAX_REACH_M = 2e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,13 @@ class Scene:
             raise InputError("scene: it is empty; give at least one object.")
         if any(o.material == "sky" for o in self.objects):
             raise InputError("scene: no object can be made of sky; set the atmosphere instead.")
+        for o in self.objects:
+            reach = np.abs(o.mesh.vertices - np.asarray(self.camera.position)).max()
+            if reach > MAX_REACH_M:
+                raise InputError(
+                    f"scene: object {o.name or o.material!r} reaches {reach / 1000:.0f} km from "
+                    f"the camera; cut it at {MAX_REACH_M / 1000:.0f} km, or give it in m."
+                )
         sun = np.asarray(self.sun_direction, float)
         if sun.shape != (3,) or not np.isfinite(sun).all() or np.linalg.norm(sun) == 0:
             raise InputError("scene: sun_direction must be three numbers, not all zero.")

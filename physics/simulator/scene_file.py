@@ -3,7 +3,9 @@
 docs/files.md describes all its keys.
 """
 
+import io
 import json
+import re
 import reprlib
 import sys
 from dataclasses import fields
@@ -105,9 +107,14 @@ def _object(data, index, folder):
     label = f"object {str(data.get('name', index))!r}"
     m = _mesh(data["mesh"], label, folder)
     edged = isinstance(data["mesh"], dict) and data["mesh"]["shape"] != "sphere"
-    smooth = data.get("smooth", not edged)
+    smooth = data.get("smooth", not edged and m.is_winding_consistent)
     if not isinstance(smooth, bool):
         raise InputError(f"scene: {label}: smooth must be true or false, got {smooth!r}.")
+    if smooth and not m.is_winding_consistent:
+        raise InputError(
+            f"scene: {label}: its triangles are wound both ways, so that normals cannot be "
+            "interpolated; wind them alike, or take smooth false."
+        )
     scale = _numbers(data.get("scale", 1.0), None, f"{label} scale")
     if scale <= 0:
         raise InputError(f"scene: {label} scale must be positive, got {scale:g}.")
@@ -128,8 +135,7 @@ def _mesh(data, label, folder):
         if not file.is_file():
             raise InputError(f"scene: {label}: there is no mesh file {file}.")
         try:
-            # Vertices stay as the file has them, so that per-vertex temperatures fit.
-            m = trimesh.load(file, force="mesh", process=False)
+            m = _read_mesh(file)
         except Exception as e:  # trimesh's readers raise whatever they stumble over
             raise InputError(f"scene: {label}: cannot read {file} as a mesh ({e}).") from e
         if not isinstance(m, trimesh.Trimesh) or len(m.faces) == 0:
@@ -144,6 +150,21 @@ def _mesh(data, label, folder):
     if not all(np.min(v) > 0 for v in given.values()):
         raise InputError(f"scene: {label}: {' and '.join(given)} must be positive.")
     return make(**given)
+
+
+def _read_mesh(file):
+    """A mesh file's vertices as the file has them, so that per-vertex temperatures fit; an STL,
+    which has none of its own, gets one for all corners in a place."""
+    if file.suffix.lower() != ".obj":
+        m = trimesh.load(file, force="mesh", process=False)
+        if file.suffix.lower() == ".stl":
+            m.merge_vertices()
+        return m
+    # by materials, groups and seams trimesh would order and split them
+    lines = file.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ").splitlines()
+    kept = [re.sub(r"/\S*", "", line) for line in lines if line.split()[:1] in (["v"], ["f"])]
+    text = io.StringIO("\n".join(kept))
+    return trimesh.load(text, "obj", force="mesh", process=False, maintain_order=True)
 
 
 def _temperature(data, mesh, label):

@@ -31,6 +31,7 @@ from .geometry import normals
 
 ENDS, DAY, HEAT = 0, 1, 2  # how a path goes on: not, for daylight alone, for heat and daylight
 SKY = 65535  # stands in Paths.material where a ray leaves for the sky
+ORIGIN_STEP_M = 1024.0
 LEAK_FRACTION = 1e-4  # float32 lets a few bounces slip through the corners of a closed room
 
 
@@ -76,10 +77,13 @@ class Tracer:
 
     def __init__(self, scene, library):
         self.scene = scene
+        # in 32 bits what lies far from the origin has no fine shape; near it nothing changes
+        origin = ORIGIN_STEP_M * np.round(np.divide(scene.camera.position, ORIGIN_STEP_M))
+        self.eye = np.subtract(scene.camera.position, origin).astype(np.float32)
         corners, corner_normals, temperatures, materials, mirror = [], [], [], [], []
         for o in scene.objects:
             faces = np.asarray(o.mesh.faces)
-            v = np.asarray(o.mesh.vertices, dtype=np.float32)
+            v = (np.asarray(o.mesh.vertices) - origin).astype(np.float32)
             # A normal of zero means: take the facet's.
             n = normals(o.mesh) if o.smooth else np.zeros(v.shape)
             corners.append(v[faces])
@@ -107,10 +111,9 @@ class Tracer:
         """
         closed = self.scene.atmosphere is None
         n = len(pixels) * spp
-        eye = np.asarray(self.scene.camera.position, np.float32)
         jitter = _stratified(len(pixels), spp, rng, shuffled=False)
         direction = _camera_rays(pixels.start, spp, *size, _camera_frame(self.scene.camera), jitter)
-        origin = np.broadcast_to(eye, (n, 3)).copy()
+        origin = np.broadcast_to(self.eye, (n, 3)).copy()
         xi = np.zeros((n, 3), np.float32)  # third column 0: the first bounce is always traced
         xi[:, :2] = _stratified(len(pixels), spp, rng, shuffled=True)
         path = np.arange(n, dtype=np.int32)
@@ -137,7 +140,7 @@ class Tracer:
                 diffuse = 1 - self.mirror[hit["primID"][surface]]
                 sun[surface] = diffuse * self._sunlight(origin, normal)
             elif not depths:
-                to_eye = eye - origin
+                to_eye = self.eye - origin
                 sun[surface] = np.abs((normal * to_eye).sum(1)) / np.linalg.norm(to_eye, axis=1)
             depths.append((path, material, value, sun, np.arange(len(path)) < hot))
             on = np.concatenate([np.flatnonzero(goes_on == of) for of in (HEAT, DAY)])
@@ -151,10 +154,10 @@ class Tracer:
     def distances(self, size):
         """(height, width) m from the camera to what the pixels' middles see; infinite where that is
         sky."""
-        n, camera = size[0] * size[1], self.scene.camera
+        n = size[0] * size[1]
         middle = np.full((n, 2), 0.5, np.float32)
-        direction = _camera_rays(0, 1, *size, _camera_frame(camera), middle)
-        origin = np.broadcast_to(np.asarray(camera.position, np.float32), (n, 3)).copy()
+        direction = _camera_rays(0, 1, *size, _camera_frame(self.scene.camera), middle)
+        origin = np.broadcast_to(self.eye, (n, 3)).copy()
         hit = self._embree.run(origin, direction, query="INTERSECT", output=True)
         return np.where(hit["primID"] < 0, np.inf, hit["tfar"]).reshape(size)
 
