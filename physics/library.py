@@ -136,11 +136,17 @@ class MaterialLibrary:
         """
         w = np.asarray(wavelength_um, dtype=np.float64)
         low, high = self.wavelength_um[[0, -1]]
-        if w.min() < low - 1e-9 or w.max() > high + 1e-9:
+        inside = (w >= low - 1e-9) & (w <= high + 1e-9)
+        if not inside.all():
+            # bands that reach beyond have centres within
+            of_bands = lambda a: a.reshape(len(w) if w.ndim else 1, -1)
+            bands = of_bands(w)[of_bands(inside).all(axis=1)].mean(axis=1)
+            low_um, high_um = (bands.min(), bands.max()) if len(bands) else (low, high)
             raise InputError(
                 f"library: its curves cover {low:g}-{high:g} um but the bands need "
                 f"{w.min():.4g}-{w.max():.4g} um; take another library, or bands within its curves "
-                f"(of a cube, those that `texnet import CUBE --range {low:.4g}:{high:.4g}` leaves)."
+                f"(of a cube, those that `texnet import CUBE --range {low_um - 0.001:.3f}:"
+                f"{high_um + 0.001:.3f}` leaves)."
             )
         return np.stack([np.interp(w, self.wavelength_um, e) for e in self.emissivity])
 
@@ -160,7 +166,7 @@ class MaterialLibrary:
     def load(path):
         """Read a library file (JSON, see the module); InputError says what is wrong."""
         try:
-            with open(path, encoding="utf-8") as f:
+            with open(path, encoding="utf-8-sig") as f:
                 data = json.load(f)
         except OSError as e:
             raise InputError(f"library: cannot read {path}: {e.strerror}.") from e
@@ -184,7 +190,7 @@ class MaterialLibrary:
             )  # fmt: skip
         except InputError:
             raise
-        except (KeyError, TypeError, ValueError) as e:
+        except (KeyError, TypeError, ValueError, OverflowError) as e:
             raise InputError(
                 f"library: {path} must hold wavelength_um, a list of numbers, and materials, each "
                 "with its name and its emissivity, as many numbers; what does not: "

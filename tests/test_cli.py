@@ -14,6 +14,7 @@ from traced import traced
 
 import texnet.cli
 from physics import HeatCube, MaterialLibrary
+from physics.planck import radiance
 from physics.simulator.sensor import add_noise
 from physics.truth import Truth
 from texnet.cli import main
@@ -527,3 +528,76 @@ def test_names_beyond_the_terminals_letters(tmp_path):
     words = ["library", "import", tmp_path / "a.csv", "--out", tmp_path / "b.json"]
     done = process(*words, stdout=subprocess.PIPE, env={"PYTHONIOENCODING": "ascii:strict"})
     assert done.returncode == 0 and b"caf\\xe9" in done.stdout, done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
+@pytest.mark.parametrize("kind", [".exr", ".npz"])
+def test_no_room_for_what_is_written(tmp_path, kind):
+    """One sentence, and what was there, a cube and its truth, stays."""
+    import resource
+
+    cube, truth = tmp_path / f"night{kind}", tmp_path / "night.truth.npz"
+    words = ["simulate", "room", "--size", "40x50", "--spp", "1", "--bands", "20", "--out", cube]
+    assert process(*words).returncode == 0
+    before = cube.read_bytes(), truth.read_bytes()
+    least = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    done = process(*words, "--seed", "1", preexec_fn=least)
+    assert done.returncode == 2 and done.stderr.count(b"\n") == 1 and b"large" in done.stderr
+    assert (cube.read_bytes(), truth.read_bytes()) == before
+    assert set(tmp_path.iterdir()) == {cube, truth}
+
+
+def test_a_user_s_style_of_plots_changes_nothing(tmp_path, cube):
+    """Nor does the backend of a notebook, or a name that looks like a formula."""
+    library = tmp_path / "library.json"
+    names = ["sky", "grass", "water", "bark"]
+    plain = MaterialLibrary.starter().subset(names)
+    MaterialLibrary(["sky", "$x_{$", "\u6c34", "bark"], plain.wavelength_um, plain.emissivity,
+                    plain.hue_deg).save(library)  # fmt: skip
+    (tmp_path / "matplotlibrc").write_text("image.origin: lower\ntext.usetex: True\n")
+    own = {"MATPLOTLIBRC": str(tmp_path / "matplotlibrc"), "MPLBACKEND": "module://of_a_notebook"}
+    pictures = []
+    for env in ({}, own):
+        out = tmp_path / f"answer{len(env)}"
+        words = ["decompose", cube, "--library", library, "--out", out, "--method", "local"]
+        done = process(*words, env=env)
+        assert done.returncode == 0 and b"Warning" not in done.stderr, done.stderr.decode()
+        pictures.append([(out / f"{name}.png").read_bytes() for name in ("tex_vision", "maps")])
+    assert pictures[0] == pictures[1]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names that are no text")
+def test_names_of_files_that_openexr_cannot_open(capfd, tmp_path, cube):
+    name = os.fsdecode(os.fsencode(tmp_path) + b"/w\xfc")
+    assert "in UTF-8" in refused(capfd, "import", cube, "--out", f"{name}.exr")
+    assert "in UTF-8" in refused(capfd, "decompose", cube, "--out", name)
+    assert run(capfd, "import", cube, "--out", f"{name}.npz")[0] == 0
+
+
+def test_json_of_editors_that_mark_it_as_utf_8(capfd, tmp_path):
+    bands, library = tmp_path / "bands.json", tmp_path / "library.json"
+    MaterialLibrary.starter().subset(["water", "sky"]).save(library)
+    write_bands(bands, np.array([9.0, 10.0]), np.array([1.0, 1.0]))
+    for file in (bands, library):
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    out = tmp_path / "night.npz"
+    words = ["simulate", "room", "--size", "8x9", "--spp", 1, "--bands", bands, "--out", out]
+    assert run(capfd, *words)[0] == 0
+    assert run(capfd, "library", "list", "--library", library)[0] == 0
+    for file, start in ((bands, '{"wavelength_um": [1%s'), (library, '{"wavelength_um": [1%s')):
+        file.write_text(start % (400 * "0") + "]}")
+    assert "must be JSON with lists" in refused(capfd, *words)
+    assert "must hold wavelength_um" in refused(capfd, "library", "list", "--library", library)
+
+
+def test_the_range_that_is_advised_is_one_that_the_library_covers(capfd, tmp_path):
+    """Though a band reaches beyond it whose centre is within."""
+    w = np.linspace(7.32, 14.2, 36)
+    s = np.broadcast_to(radiance(w, 290.0)[:, None, None], (36, 8, 9))
+    wide, part = tmp_path / "wide.npz", tmp_path / "part.npz"
+    write_cube(HeatCube(s, w, np.full(36, w[1] - w[0]), 0.05), wide)
+    out = ["--out", tmp_path / "out", "--method", "local", "--k", 1]
+    advised = refused(capfd, "decompose", wide, *out).split("--range ")[1].split("`")[0]
+    assert run(capfd, "import", wide, "--out", part, "--range", advised.split()[0])[0] == 0
+    assert read_cube(part).bands == 34
+    assert run(capfd, "decompose", part, *out)[0] == 0

@@ -1,6 +1,7 @@
 """A file is written whole or not at all, where its links lead, and never over what is read."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -81,8 +82,10 @@ def test_a_name_that_says_something_else_is_refused(tmp_path):
         check_writable(tmp_path / "a.txt", suffix=".onnx")
 
 
-def test_what_is_half_written_goes_when_the_process_is_told_to_end(tmp_path):
-    """As schedulers and `timeout` tell it, by SIGTERM."""
+@pytest.mark.skipif(os.name != "posix", reason="tells by signals")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_what_is_half_written_goes_when_the_process_is_told_to_end(tmp_path, name):
+    """As schedulers and `timeout` tell it, by SIGTERM, and a terminal that closes, by SIGHUP."""
     code = (
         "import os, signal, sys, texnet.cli\n"
         "from pathlib import Path\n"
@@ -91,7 +94,8 @@ def test_what_is_half_written_goes_when_the_process_is_told_to_end(tmp_path):
         "texnet.cli.main()\n"
         f"with whole_file(Path({str(tmp_path / 'a.txt')!r})) as part:\n"
         "    Path(part).write_text('half')\n"
-        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        f"    os.kill(os.getpid(), signal.{name})\n"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
-    assert done.returncode == 143 and list(tmp_path.iterdir()) == []
+    code = 128 + getattr(signal, name)
+    assert done.returncode == code and list(tmp_path.iterdir()) == []

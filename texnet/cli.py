@@ -32,7 +32,10 @@ FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
 def main(argv=None):
     """Run one command; returns the exit code: 0, 2 for wrong input, 130 for Ctrl-C."""
     if argv is None:  # what is half written goes before the process does
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+        for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP, nohup ignores it
+            if signal.getsignal(number := getattr(signal, name, signal.SIGTERM)) != signal.SIG_IGN:
+                signal.signal(number, lambda n, _: sys.exit(128 + n))
+    os.environ["MPLBACKEND"] = "agg"  # files alone: a notebook's own may not be there
     for stream in (sys.stdout, sys.stderr):  # a file's name may be beyond its encoding
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
@@ -233,7 +236,8 @@ def _parser():
             help=f"of {per_epoch} draws each, default: {epochs}",
         )  # fmt: skip
         p.add_argument(
-            "--cache", metavar="DIR", type=_folder, default=Path.home() / ".cache" / "texnet",
+            "--cache", metavar="DIR", type=_folder,
+            default=Path(os.path.expanduser("~"), ".cache", "texnet"),
             help="scenes and checkpoints, default: ~/.cache/texnet",
         )  # fmt: skip
         p.add_argument(

@@ -4,6 +4,7 @@ say and what --json gives.
 What a command needs is imported inside it, so that `texnet --help` starts at once.
 """
 
+import os
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -40,6 +41,7 @@ def import_(args):
 def simulate(args):
     with loading():
         from physics.bands import equidistant_bands
+        from physics.machinery.whole_file import whole_file
         from physics.simulator import simulate as trace
         from physics.simulator.presets import preset
         from physics.simulator.scene_file import load_scene
@@ -64,9 +66,11 @@ def simulate(args):
             scene, wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=args.size, spp=args.spp,
             netd_k=args.netd, seed=args.seed, progress=lambda n, of: report(n, of, "simulate"),
         )  # fmt: skip
-    beside.unlink(missing_ok=True)  # never a truth beside another scene's cube
-    write_cube(cube, args.out)
-    truth.save(beside)
+    with whole_file(beside) as truth_part, whole_file(args.out) as cube_part:
+        write_cube(cube, cube_part)
+        truth.save(truth_part)
+        # never a truth beside another scene's cube, where only one of the two can be replaced
+        Path(os.path.realpath(beside)).unlink(missing_ok=True)
     text = (
         f"{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels.\n"
         f"{beside}: its truth."

@@ -3,6 +3,10 @@
 Colour maps keep their order for colour-blind readers; a value and its truth share one scale.
 """
 
+import warnings
+from contextlib import contextmanager
+
+import matplotlib
 import numpy as np
 from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
@@ -26,6 +30,16 @@ RADIANCE = "W/m²/sr/µm"
 STRETCHED = 8.0  # a picture so many times as wide as high, or as high as wide, fills its panel
 LEAST_SHARE, MOST_NAMES = 0.001, 16  # of the pixels, and of materials in a legend
 LETTER_INCHES, LINE_INCHES = 0.067, 0.19  # of a legend's text
+
+
+@contextmanager
+def own_style():
+    """Pictures drawn within look alike whatever style a user or a folder has set; names are plain
+    text, dollars and all."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams["text.parse_math"] = False
+        yield
 
 
 def maps_figure(decomposition, truth, path):
@@ -107,10 +121,10 @@ def comparison_figure(decomposition, pictures, truth, path):
     for ax, (name, (title, picture)) in zip(axes.flat, shown.items(), strict=False):
         r = scores[name]
         _bare(ax, title if np.isnan(r) else f"{title}\ntexture correlation {r:.2f}")
-        ax.imshow(np.where(blank[..., None], 0, picture))
+        ax.imshow(np.where(blank[..., None], 0, picture), aspect=_aspect(picture))
     if truth is not None:
         _bare(axes[1, 1], "the same by day (truth)")
-        axes[1, 1].imshow(daylight_srgb(truth))
+        axes[1, 1].imshow(daylight_srgb(truth), aspect=_aspect(blank))
         _show_materials(axes[1, 2], "material (estimated)", d, hues, blank)
     _save(fig, path)
 
@@ -267,6 +281,8 @@ def colour_of(hue_deg):
 
 
 def _save(fig, path):
-    with whole_file(path) as part:
+    with whole_file(path) as part, warnings.catch_warnings():
+        # a material's name may be in letters that the font lacks
+        warnings.filterwarnings("ignore", message="Glyph")
         # packing harder takes longer than all else here, and saves a twentieth
         fig.savefig(part, pil_kwargs={"compress_level": 1})

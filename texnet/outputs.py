@@ -22,7 +22,8 @@ from physics.errors import InputError
 from physics.machinery.array_file import save_arrays
 from physics.machinery.whole_file import check_writable
 
-from .figures import comparison_figure, maps_figure
+from .figures import comparison_figure, maps_figure, own_style
+from .files.exr_file import check_exr_name, write_exr
 from .vision import tex_vision
 
 FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr")
@@ -42,6 +43,7 @@ def check_directory(directory, *inputs, names=FILES):
     names   of the files
     """
     directory = Path(directory)
+    check_exr_name(directory)
     if os.path.lexists(directory) and not directory.is_dir():
         raise InputError(f"cannot write into {directory}: it is a file or a dead link, no folder.")
     if directory.is_dir():
@@ -72,10 +74,11 @@ def write_decomposition(decomposition, pictures, truth, directory):
         made = Path(made)
         with ThreadPoolExecutor(1) as beside:  # the disk, zlib and OpenEXR leave a core to Python
             written = beside.submit(_write_numbers, decomposition, made)
-            matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
-            maps_figure(decomposition, truth, made / "maps.png")
-            if pictures is not None:
-                comparison_figure(decomposition, pictures, truth, made / "comparison.png")
+            with own_style():
+                matplotlib.image.imsave(made / "tex_vision.png", tex_vision(decomposition))
+                maps_figure(decomposition, truth, made / "maps.png")
+                if pictures is not None:
+                    comparison_figure(decomposition, pictures, truth, made / "comparison.png")
             written.result()
         directory.mkdir(exist_ok=True)
         for file in made.iterdir():
@@ -111,8 +114,6 @@ def _save_arrays(d, path):
 
 
 def _write_maps_exr(d, path):
-    import OpenEXR
-
     maps = {
         "T": d.temperature_k,
         "sigmaT": d.temperature_sigma_k,
@@ -122,11 +123,5 @@ def _write_maps_exr(d, path):
         "residual": d.residual,
         "skyTexture": d.sky_texture,
     } | {f"V.{j}": v for j, v in enumerate(d.thermal_lighting)}
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "materialNames": ",".join(d.material_names),
-    }
     channels = {name: np.ascontiguousarray(m, dtype=np.float32) for name, m in maps.items()}
-    with OpenEXR.File(header, channels) as file:
-        file.write(str(path))
+    write_exr({"materialNames": ",".join(d.material_names)}, channels, path)

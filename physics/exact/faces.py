@@ -21,9 +21,10 @@ import math
 from itertools import combinations
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.polynomial import chebyshev
+
+from ..machinery.compiled import compiled
 
 STEPS = 12  # of Newton's method
 TOLERANCE = 1e-4  # of the last step in tau: the next would be about its square
@@ -33,7 +34,7 @@ MOST_ZERO, MOST_NUMBERS = 3, 1e7  # V_j, of a face that has tables; in those tab
 UNROLLED = 4  # coefficients in a pass of Clenshaw's rule, which is written for so many
 # a * b + c may be rounded once, and 1 / 0 is infinite: else pixels would not share instructions.
 # numba keeps callers in other files as compiled: who changes this file has to touch local.py
-_FUSED = numba.njit(cache=True, fastmath={"contract"}, error_model="numpy")
+_FUSED = compiled(fastmath={"contract"}, error_model="numpy")
 
 
 class Tables(NamedTuple):

@@ -24,6 +24,7 @@ import numba
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from ..machinery.compiled import compiled
 from ..machinery.threads import in_threads
 from ..planck import brightness_temperature
 from . import faces, simplex
@@ -166,7 +167,7 @@ def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
     return energy
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _solve_block(
     s, start, linear, square, gram, tables, n, k, half, weight, mean, material, is_sky, mid,
     hopeless, energy, temperature, sigma, row, lighting,
@@ -242,7 +243,7 @@ def _solve_block(
             lighting[p, j] = v[row[p, m], p // LANES, j, p % LANES]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _without_bounds(
     spectra, start, linear, square, tables, n, k, half, weight, mean, h, constant, value, bound,
     tau, curvature, v,
@@ -282,7 +283,7 @@ def _without_bounds(
                 )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@compiled()
 def _put_bounds(
     todo, r, h, constant, gram, tables, n, k, half, weight, mean, value, tau, curvature, v
 ):
@@ -354,7 +355,7 @@ def _put_bounds(
             )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@compiled()
 def _number(sets, held):
     """The face of a set of free V_j, or _NONE."""
     for f in range(len(sets)):
@@ -363,7 +364,7 @@ def _number(sets, held):
     return _NONE
 
 
-@numba.njit(cache=True)
+@compiled()
 def _by_face(face, faces):
     """(P,) the pixels of a face together, of face (P,) < faces."""
     at = np.zeros(faces + 3, np.int64)  # _DONE and _NONE come first
@@ -378,7 +379,7 @@ def _by_face(face, faces):
     return order
 
 
-@numba.njit(cache=True)
+@compiled()
 def _one_by_one(
     g, i, h, constant, gram, n, k, half, weight, mean, value, tau, curvature, v
 ):  # fmt: skip
@@ -400,7 +401,7 @@ def _one_by_one(
         v[g, j, i] = at[j]
 
 
-@numba.njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def _solve_given(h, gram, n, k, half, weight, mean, energy, tau, curvature, lighting):
     size = max(n, k) + 1
     for pixel in numba.prange(len(h)):

@@ -36,6 +36,7 @@ import numba
 import numpy as np
 
 from ..errors import InputError
+from ..machinery.compiled import compiled
 from .local import LocalSolution, energy_given, solve_given
 from .reduced import ReducedModel
 
@@ -265,7 +266,7 @@ def _softmax(x):
     return e / e.sum(axis=1, keepdims=True)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _edge_cost(t, m, tq, mq, sky):
     if m != mq:
         return 1.0
@@ -275,7 +276,7 @@ def _edge_cost(t, m, tq, mq, sky):
     return d2 / (d2 + DELTA_K * DELTA_K)
 
 
-@numba.njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def _icm(colour, table, optimum_k, edges, sky, t, m, unary):
     height, width = t.shape
     for row in numba.prange(height):

@@ -5,14 +5,15 @@ simplex, solved exactly, and what is left is a function of one scalar, T. This t
 where it is known which V_j are zero, `faces` does it for many pixels at once.
 """
 
-import numba
 import numpy as np
+
+from ..machinery.compiled import compiled
 
 STEPS = 40  # of Newton's method
 NATS = 1e-7  # it ends where the next step would lower J by less
 
 
-@numba.njit(cache=True)
+@compiled()
 def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     """T (as tau) and V of one pixel and one material; returns J less its constant, tau, J''.
 
@@ -98,7 +99,7 @@ def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
     return best, tau, curvature / (half * half)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _lighting(gram, n, k, g, v, free, chol, x, y):
     """Minimise v'Gv/2 - g'v on the simplex, G = gram[n:, n:], from a feasible v (in place).
 

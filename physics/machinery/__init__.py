@@ -6,5 +6,6 @@ provenance  what made a result that is kept on disk
 scratch     large arrays in files without a name
 threads     many items, some at a time
 tiles       pictures of any size in tiles
+compiled    loops compiled by numba
 blas        BLAS's own threads, where they would be in the way
 """

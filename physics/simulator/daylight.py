@@ -12,8 +12,8 @@ the sun in a mirror is left out. A closed scene is lit from the camera, and its 
 """
 
 import numpy as np
-from numba import njit
 
+from ..machinery.compiled import compiled
 from .trace import SKY
 
 SUN_RGB = np.array([0.85, 0.78, 0.66])  # low sun, yellowish
@@ -33,7 +33,7 @@ def daylight(paths, albedo_rgb, spp, closed):
     return rgb / spp
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _daylight(start, material, sun, spp, albedo, weight, sun_rgb, sky_rgb, seen_sky_rgb, rgb):
     """Add every path's L to the sums (pixels, 3) of its pixel."""
     for path in range(len(start) - 1):

@@ -45,7 +45,7 @@ def load_scene(path):
     """Read a scene file (see the module) -> Scene; InputError says what is wrong."""
     path = Path(path)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as e:
         raise InputError(f"scene: cannot read {path}: {e.strerror}.") from e
     except (ValueError, RecursionError) as e:

@@ -23,8 +23,8 @@ camera this costs under 1e-4 (Planck, 8-14 um) and 0.02 (sky, at the horizon).
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..machinery.compiled import compiled
 from ..planck import radiance
 from ..sky import sky_radiance
 from .trace import SKY
@@ -120,7 +120,7 @@ def shade(paths, shader, spp):
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _majority(first, kinds):
     """(pixels,) most frequent kind among the first surfaces (pixels, spp)."""
     majority = np.empty(len(first), np.uint16)
@@ -133,7 +133,7 @@ def _majority(first, kinds):
     return majority
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _read(material, value, glow, coldest, sky, out):
     """Fill out (n,) with B_d of one path vertex."""
     if material == SKY:
@@ -149,7 +149,7 @@ def _read(material, value, glow, coldest, sky, out):
         out[j] = a[j] + f * (b[j] - a[j])
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _shade(
     start, ends, material, value, chosen, glow, coldest, reflectance, weight, sky,
     sum_s, sum_x, sum_sky,

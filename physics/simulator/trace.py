@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numba import njit
 
 from ..errors import InputError
+from ..machinery.compiled import compiled
 from .geometry import normals
 
 ENDS, DAY, HEAT = 0, 1, 2  # how a path goes on: not, for daylight alone, for heat and daylight
@@ -199,7 +199,7 @@ def _camera_frame(camera):
     return np.stack([half * right, half * np.cross(right, forward), forward])
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _camera_rays(first_pixel, spp, height, width, frame, jitter):
     """(n, 3) float32 unit directions through jittered points of the pixels."""
     direction = np.empty((len(jitter), 3), np.float32)
@@ -217,13 +217,13 @@ def _camera_rays(first_pixel, spp, height, width, frame, jitter):
     return direction
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _mix(corner, b0, b1, b2, k):
     """Component k of the three rows of corner (3, 3), weighted by barycentric coordinates."""
     return b0 * corner[0, k] + b1 * corner[1, k] + b2 * corner[2, k]
 
 
-@njit(nogil=True, cache=True)
+@compiled(nogil=True)
 def _bounce(
     facet, u, v, incoming, xi, q, q_day, hot, corners, corner_normals, temperature, material_of,
     mirror, lift, material, value,

@@ -1,6 +1,7 @@
 """What lies on disk: cubes, libraries, environments, filters, weights. The map:
 
 cube_io      heat cubes (.exr, .npz)
+exr_file     OpenEXR files, written
 cube_import  third-party cubes (ENVI, HADAR, TeX-1500, .npy)
 envi         ENVI's headers and binaries
 mat_file     MATLAB's .mat

@@ -11,12 +11,12 @@ from physics.machinery.whole_file import whole_file
 def read_bands(path):
     """Centres and widths, each (bands,) um; InputError says what is wrong with the file."""
     try:
-        with open(path, encoding="utf-8") as f:
+        with open(path, encoding="utf-8-sig") as f:
             data = json.load(f)
         return tuple(np.array(data[key], np.float64) for key in ("wavelength_um", "fwhm_um"))
     except OSError as e:
         raise InputError(f"bands: cannot read {path}: {e.strerror}.") from e
-    except (KeyError, TypeError, ValueError, RecursionError) as e:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as e:
         raise InputError(
             f"bands: {path} must be JSON with lists wavelength_um and fwhm_um, in um."
         ) from e

@@ -62,7 +62,7 @@ def import_cube(
     if unit is not None and unit not in UNITS:
         raise InputError(f"cube: {unit!r} is no unit that is known; use {', '.join(UNITS)}.")
     try:
-        raw = _read(path)
+        raw = _read(path, unit)
         if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
             raise InputError(f"cube: {path} states its unit, {raw.unit}; leave out --unit.")
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
@@ -78,12 +78,12 @@ def import_cube(
     return cube, f"{path}: {note}"
 
 
-def _read(path):
+def _read(path, unit):
     kind = path.suffix.lower()
     if kind == ".mat":
         return _read_mat(path)
     if kind == ".npz":
-        return _read_npz(path)
+        return _read_npz(path, unit)
     if kind == ".npy":
         return _read_npy(path)
     if kind == ".exr":
@@ -156,9 +156,11 @@ def _read_mat(path):
     return RawCube(f"{HADAR_MAT}, {hadar}", lambda: s, unit="W/m2/sr/cm-1", hint=hint)
 
 
-def _read_npz(path):
+def _read_npz(path, unit):
     held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS))
-    if OUR_ARRAYS <= set(held) and not set(held).isdisjoint(ONLY_OURS):
+    # of which unit and axes it is, our own need not say
+    plain = unit is None and set(held).isdisjoint(GOOD_BANDS)
+    if OUR_ARRAYS <= set(held) and (plain or not set(held).isdisjoint(ONLY_OURS)):
         return _read_ours(path)
     return _tex1500(path, held, arrays, lambda key: unpacked(path, key))
 
@@ -177,9 +179,10 @@ def _tex1500(path, held, arrays, load):
     s, w = load(cube), _real(arrays[wavelength], wavelength, path).ravel()
     if s is None or s.ndim != 3 or (s.shape[0] == w.size) == (s.shape[2] == w.size):
         shape = "no array" if s is None else " x ".join(map(str, s.shape))
+        both = s is not None and s.ndim == 3 and s.shape[0] == w.size
         raise InputError(
-            f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) are not "
-            "either its first axis or its last."
+            f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) "
+            f"{'may be' if both else 'are not'} either its first axis or its last."
         )
     first = s.shape[0] == w.size
     s = s if first else s.transpose(2, 0, 1)

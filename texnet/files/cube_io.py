@@ -31,6 +31,8 @@ from physics.machinery import scratch
 from physics.machinery.array_file import BROKEN_NPZ, save_arrays
 from physics.machinery.whole_file import check_writable, whole_file
 
+from .exr_file import check_exr_name, write_exr
+
 # Fichet et al. 2021, as their own library spells it.
 CHANNEL = re.compile(
     r"^((S([0-3]))|T)\.(\d*,?\d*([Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$"
@@ -106,8 +108,11 @@ def channel_wavelength_um(name):
     if not any(c in "123456789" for c in re.split("[Ee]", number)[0]):
         raise InputError(f"cube: channel {name!r} names no wavelength or frequency.")
     # Decimal, so that 8055,555556nm is read as exactly the float that 8.055555556 is.
-    value = Decimal(number).scaleb(EXPONENT[prefix])
-    return float(value.scaleb(6) if unit == "m" else SPEED_OF_LIGHT_UM / value)
+    try:
+        value = Decimal(number).scaleb(EXPONENT[prefix])
+        return float(value.scaleb(6) if unit == "m" else SPEED_OF_LIGHT_UM / value)
+    except ArithmeticError as e:  # a number of too many digits
+        raise InputError(f"cube: channel {name!r} names no wavelength or frequency.") from e
 
 
 def _format(path):
@@ -117,6 +122,8 @@ def _format(path):
             f"cube: {path.name} is no cube file that is known here; use {kinds} (texnet import "
             "makes one of ENVI, .mat, .npy)."
         )
+    if path.suffix.lower() == ".exr":
+        check_exr_name(path)
     return _FORMATS[path.suffix.lower()]
 
 
@@ -228,12 +235,16 @@ def _read_exr(path):
 
     try:
         with _quiet_library(), OpenEXR.File(str(path), header_only=True) as file:
-            header = dict(file.header())
+            header, parts = dict(file.header()), len(file.parts)
     except UnicodeDecodeError:
         raise
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:
         raise InputError(f"cube: {path} is not a whole OpenEXR file.") from e
 
+    if parts > 1:
+        raise InputError(
+            f"cube: {path} has {parts} parts; give one with all bands in a single part."
+        )
     channels = {c.name: c for c in header["channels"]}
     bands = {name: w for name in channels if (w := channel_wavelength_um(name)) is not None}
     if not bands:
@@ -281,16 +292,12 @@ def _scanlines(path, names, window, scale):
 
 
 def _write_exr(cube, path):
-    import OpenEXR
-
     # OpenEXR ignores strides
     bands = zip(cube.wavelength_um, map(np.ascontiguousarray, cube.measured()), strict=True)
     channels = {channel_name(w): s for w, s in bands}
     if len(channels) < cube.bands:
         raise InputError("cube: bands closer than 1e-6 nm cannot be told apart in an .exr file.")
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
         "spectralLayoutVersion": "1.0",
         "emissiveUnits": EXR_UNITS,
         "texnetSpectralDensity": "um^-1",
@@ -299,8 +306,7 @@ def _write_exr(cube, path):
     }
     if cube.netd_k is not None:
         header["texnetNetdK"] = repr(float(cube.netd_k))
-    with OpenEXR.File(header, channels) as file:
-        file.write(str(path))
+    write_exr(header, channels, path)
 
 
 def _to_per_um(header, path):

@@ -1,0 +1,26 @@
+"""OpenEXR files as they are written here: whatever is wrong is an OSError, or known before."""
+
+import os
+
+from physics.errors import InputError
+
+
+def check_exr_name(path):
+    """Raise InputError where OpenEXR could not open a path."""
+    try:
+        os.fspath(path).encode()
+    except UnicodeEncodeError as e:
+        raise InputError(f"OpenEXR takes names in UTF-8 alone; rename {os.fspath(path)!a}.") from e
+
+
+def write_exr(header, channels, path):
+    """Write channels, {name: (height, width) contiguous array}, and what else a header is to say;
+    OSError, as of a full disk, in OpenEXR's words."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header
+    try:
+        with OpenEXR.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as e:
+        raise OSError(str(e)) from e
