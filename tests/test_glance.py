@@ -340,3 +340,15 @@ def test_every_method_leaves_out_what_it_does_not_see(method, monkeypatch):
     np.testing.assert_allclose(d.material_probability.sum(axis=0), 1, atol=1e-5)
     there = np.array(truth.material_names)[np.unique(truth.material)]
     assert set(there) <= set(np.array(d.material_names)[seen])
+
+
+@pytest.mark.parametrize("size", [(5, 7), (4, 7), (3, 3), (1, 5), (1, 1)])
+def test_a_picture_s_last_patches_are_looked_at_like_its_first(size):
+    """Whatever their number: what is seen does not depend on which way round the picture is."""
+    probability = np.zeros((6, *size), np.float32)
+    probability[0] = 1.0
+    probability[:, -1, -2:] = np.eye(6, dtype=np.float32)[4][:, None]
+    seen = glance.materials_seen(probability)
+    assert 4 in seen
+    for flipped in (probability[:, ::-1], probability[:, :, ::-1], probability[:, ::-1, ::-1]):
+        assert 4 in glance.materials_seen(flipped)

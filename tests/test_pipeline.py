@@ -311,6 +311,8 @@ def test_what_is_no_cube_or_library_is_refused(make_pixels):
         decompose(cube, "lib.json")
     with pytest.raises(InputError, match="net needs one that takes refined=False"):
         decompose(cube, method="net", model=Runtime(ONNX).run)
+    with pytest.raises(InputError, match="model must be a function, .* got str"):
+        decompose(cube, model="texnet.onnx")
     with pytest.raises(InputError, match="names must be a list"):
         MaterialLibrary.starter().subset("water")
 

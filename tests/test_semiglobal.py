@@ -545,3 +545,19 @@ def test_progress_is_reported(scene):
     smoothed(objective, objective.local_state(), lambda *a: seen.append(a))
     assert seen and all(0 < done <= total for done, total in seen)
     assert [done for done, _ in seen] == sorted({done for done, _ in seen})
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_copies_of_pixels_say_nothing_new(times):
+    """A resampled picture's edges are those of the original, and between copies there is none."""
+    rng = np.random.default_rng(0)
+    s = radiance(np.linspace(8, 14, 5)[:, None, None], rng.uniform(280, 300, (6, 7)))
+    sigma, dead = np.full(5, 0.01), np.zeros((6, 7), bool)
+    finer = lambda a: a.repeat(times, axis=-2).repeat(times, axis=-1)
+    once = semiglobal.edge_weights(s, sigma, dead)
+    below, right = semiglobal.edge_weights(finer(s), sigma, finer(dead))
+    between = below[times - 1 :: times], right[:, times - 1 :: times]
+    for weight, of_copies, original in zip((below, right), between, once, strict=True):
+        axis = int(weight is right)
+        np.testing.assert_allclose(of_copies, original.repeat(times, axis=1 - axis))
+        assert np.count_nonzero(weight) == np.count_nonzero(of_copies)

@@ -200,3 +200,16 @@ def test_the_command_says_so(tmp_path, capsys):
     assert json.loads(result)["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)
     with np.load(tmp_path / "a" / "decomposition.npz") as npz:
         assert npz["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)
+
+
+def test_a_fire_hides_no_wrong_wavelengths():
+    """Granite at 1200 K, whose bands differ more than the sky's, in a twentieth of the picture."""
+    cube = traced("forest", 54)[0]
+    w, s = cube.wavelength_um, cube.radiance.copy()
+    e = LIBRARY.at(w)[LIBRARY.index("granite")]
+    height, width = (n // 4 for n in cube.shape)
+    burns = e * radiance(w, 1200.0) + (1 - e) * radiance(w, 288.0)
+    s[:, -height:, :width] = burns[:, None, None]
+    burning = HeatCube(s, w, cube.fwhm_um, cube.netd_k)
+    assert spectral_shift(stated(burning, 0.23), LIBRARY) == pytest.approx(0.23, abs=NEAR_UM)
+    assert spectral_shift(burning, LIBRARY) == 0

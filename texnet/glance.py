@@ -108,10 +108,11 @@ def materials_seen(probability):
     no number says nothing."""
     probability = np.where(np.isfinite(probability), probability, 0)
     rows, columns = (min(NEAR, size) for size in probability.shape[1:])
-    height, width = (n // NEAR * NEAR or n for n in probability.shape[1:])
-    near = probability[:, :height, :width].reshape(
-        len(probability), height // rows, rows, width // columns, columns
-    )
+    # the last of an odd number is looked at with the one before
+    odd = [(0, -n % min(NEAR, n)) for n in probability.shape[1:]]
+    padded = np.pad(probability, [(0, 0), *odd], mode="reflect")
+    height, width = padded.shape[1:]
+    near = padded.reshape(len(padded), height // rows, rows, width // columns, columns)
     own = near.mean(axis=(2, 4)).max(axis=(1, 2))
     share = probability.mean(axis=(1, 2))
     sure = probability.max(axis=0).mean()

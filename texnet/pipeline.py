@@ -271,6 +271,11 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k, mod
         environment.check_bands(cube.wavelength_um)
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
+    if model is not None and not callable(model):
+        raise InputError(
+            "decompose: model must be a function, such as export.Runtime(FILE).run, got "
+            f"{type(model).__name__}."
+        )
     if method == "net" and model and "refined" not in signature(model).parameters:
         raise InputError(
             "decompose: model holds net+sgd alone; net needs one that takes refined=False, as "

@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import InputError
 from ..planck import noise_sigma
 from .dead_pixels import lit
+from .saturation import saturated
 
 SAMPLES = 6000  # pixels
 CALM, PER_BAND = 0.25, 4  # of the pixels, or so many for each band, if that is more
@@ -57,8 +58,9 @@ def estimated_netd(cube):
 def squares_of(cube):
     """(4, n, bands) spectra of some pixels of a HeatCube and of those to the right, below, and
     below to the right of each (of a single row or column, of four on end); if it can be, none of
-    them dead, nor the same twice, as where a picture was resampled."""
-    size, width, dead = cube.dead.size, cube.shape[1], cube.dead.reshape(-1)
+    them dead or at a ceiling, which is calm, nor the same twice, as where a picture was
+    resampled."""
+    size, width, dead = cube.dead.size, cube.shape[1], (cube.dead | saturated(cube)).reshape(-1)
     offsets = (0, 1, width, width + 1) if min(cube.shape) > 1 else (0, 2, 3, 1)
     of = (cube.regular_pixels(SAMPLES) + np.array(offsets)[:, None]) % size
     measured = ~dead[of].any(axis=0)
@@ -111,7 +113,8 @@ def noise_of_bands(differences, texture, alike):
 def _of_one_band(cube, band):
     """K, or None where no column has three measured pixels on end."""
     s = cube.radiance[band].astype(np.float64) / noise_sigma(cube.wavelength_um[band], 1.0)
-    measured = ~(cube.dead[:-2] | cube.dead[1:-1] | cube.dead[2:])
+    dead = cube.dead | saturated(cube)
+    measured = ~(dead[:-2] | dead[1:-1] | dead[2:])
     second = np.abs(s[1:-1] - 0.5 * (s[:-2] + s[2:]))[measured]
     if not second.size:
         return None

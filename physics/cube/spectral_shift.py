@@ -17,6 +17,7 @@ import numpy as np
 from ..bands import quadrature
 from ..planck import brightness_temperature, radiance, radiance_derivative
 from ..sky import AIR_MASSES
+from .hot import parted
 
 LOW_UM, HIGH_UM = 8.5, 11.0  # the bands that are looked at, ozone well inside
 EDGE_UM = 0.25  # they reach as near to LOW_UM and HIGH_UM
@@ -60,7 +61,7 @@ def spectral_shift(cube, library):
     w = cube.wavelength_um[here]
     if library.sky_index is None or not _spans_ozone(w):
         return 0.0
-    s = cube.sample(SAMPLES)
+    s = parted(cube)[0].sample(SAMPLES)  # a fire's bands differ more than a sky's
     contrast = np.ptp(brightness_temperature(cube.wavelength_um, s), axis=1)
     most = np.quantile(contrast, 0.98, method="lower")
     s = s[(contrast <= most) & (contrast >= MOST_CONTRAST * most)].mean(axis=0)[here]

@@ -77,13 +77,15 @@ def material_shares(energy):
 
 def edge_weights(radiance, sigma, dead):
     """Spectral edge weights w in 0..1 to the neighbour below (H-1, W) and right (H, W-1); 0 where
-    one of both is dead (H, W)."""
+    one of both is dead (H, W), or both are the same, as where a picture was resampled: a copy says
+    nothing new."""
     squared, measured = [], [~(dead[1:] | dead[:-1]), ~(dead[:, 1:] | dead[:, :-1])]
     for axis in (1, 2):
         d2 = np.zeros(measured[axis - 1].shape)
         for band, s in zip(radiance, sigma, strict=True):
             d2 += (np.diff(band.astype(np.float64), axis=axis - 1) / s) ** 2
         squared.append(d2)
+        measured[axis - 1] &= d2 > 0
     of = np.concatenate([d[m] for d, m in zip(squared, measured, strict=True)])
     typical = max(float(np.median(of)), 1e-12) if of.size else 1.0
     return tuple(

@@ -176,7 +176,7 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
         of: _Scene(part, of, library, look, seen).nats(c, alike)
         for of, c in ((environment, found), (under_sky, RIGHT))
     }).values()  # fmt: skip
-    return without - under >= SKY_WORTH
+    return bool(without - under >= SKY_WORTH)
 
 
 def of_given(cube, environment, look, library, left_out=None):
