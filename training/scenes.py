@@ -47,8 +47,9 @@ _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 SOURCES = (
     *(_PHYSICS / name for name in (
         "simulator", "bands.py", "errors.py", "library.py", "planck.py", "sky.py", "truth.py",
-        "cube/dead_pixels.py", "cube/heat_cube.py", "cube/netd.py",
-        "machinery/array_file.py", "machinery/whole_file.py", "data/starter_library.json",
+        "cube/dead_pixels.py", "cube/heat_cube.py", "cube/netd.py", "cube/saturation.py",
+        "machinery/array_file.py", "machinery/compiled.py", "machinery/whole_file.py",
+        "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
 )  # fmt: skip
