@@ -85,7 +85,7 @@ class Scene:
         self.library = MaterialLibrary.starter()
         w, fwhm = equidistant_bands(bands)
         self.cube, self.truth = traced.shade(self.library, w, fwhm, NETD_K)
-        self.planck = BandPlanck(w, fwhm)
+        self.law = BandPlanck(w, fwhm)
         self.curves = self.library.at(quadrature(w, fwhm)).mean(axis=-1)
         if traced.atmosphere is None:
             self.sky = self.truth.texture[:, non_sky(self.truth)].mean(axis=1).astype(float)
@@ -116,10 +116,10 @@ def by_separation(method):
 
     def run(scene):
         spectra, truth = scene.cube.spectra.astype(float), scene.truth
-        t, e = method.separate(spectra, scene.planck, scene.sky)
+        t, e = method.separate(spectra, scene.law, scene.sky)
         solid = np.flatnonzero(np.arange(len(scene.library)) != scene.library.sky_index)
         named = solid[nearest(e, scene.curves[solid])]
-        x, mean = light(spectra, t, scene.curves[named], scene.planck)
+        x, mean = light(spectra, t, scene.curves[named], scene.law)
         ground = non_sky(truth)
         if correlation(mean.reshape(ground.shape), truth.sky_texture, ground) < 0:
             mean = -mean

@@ -32,7 +32,7 @@ from scipy import stats
 
 from physics import MaterialLibrary
 from physics.machinery.whole_file import whole_file
-from physics.planck import radiance
+from physics.planck import planck
 from physics.simulator import geometry, simulate
 from physics.simulator.presets import preset
 from physics.sky import sky_radiance
@@ -115,7 +115,7 @@ def mitsuba_scene(scene, library, size, folder):
         m, t = library.index(o.material), float(o.temperature_k[0])
         file = Path(folder) / f"{i}.ply"
         geometry.place(o.mesh, -origin / UNIT_M, scale=1 / UNIT_M).export(file)
-        glow = e[m] * radiance(WAVELENGTH_UM, t)
+        glow = e[m] * planck(WAVELENGTH_UM, t)
         description[f"object{i}"] = {
             "type": "ply",
             "filename": str(file),

@@ -265,7 +265,7 @@ def _wait(device):
 
 def limits(cube, library, environment):
     """Rows of one pass over the cube's bytes, and of the product with all hypotheses."""
-    linear = reduce_model(cube, library, environment).of_all()[0].reshape(-1, cube.bands + 1)
+    linear = reduce_model(cube, library, environment).of_all[0].reshape(-1, cube.bands + 1)
     pixels, flat = cube.shape[0] * cube.shape[1], cube.radiance.reshape(-1)
     some = min(pixels, 65536)
     s = np.concatenate([cube.radiance.reshape(cube.bands, -1)[:, :some], np.ones((1, some))])

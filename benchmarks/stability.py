@@ -45,7 +45,7 @@ from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.identifiability import cramer_rao
 from physics.library import MaterialLibrary
-from physics.planck import brightness_temperature, noise_sigma, radiance, radiance_derivative
+from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands, add_noise
@@ -267,7 +267,7 @@ def stated_gain(view, library, percent):
     """The gain's error is stated, in kelvin at 300 K (mean over the bands)."""
     case = wrong_gain(view, library, percent)
     w = case.cube.wavelength_um
-    per_percent = (radiance(w, 300.0) / radiance_derivative(w, 300.0)).mean() / 100
+    per_percent = (planck(w, 300.0) / planck_derivative(w, 300.0)).mean() / 100
     return replace(case, said_k=percent * float(per_percent))
 
 
@@ -313,7 +313,7 @@ def hot_part(view, library, percent):
     at = np.s_[cube.shape[0] - side :, left : left + side]
     part, t, w = (slice(None), *at), truth.temperature_k.copy(), cube.wavelength_um[:, None, None]
     s, t[at] = cube.radiance.copy(), t[at] + 300
-    hotter = radiance(w, t[at]) - radiance(w, truth.temperature_k[at])
+    hotter = planck(w, t[at]) - planck(w, truth.temperature_k[at])
     s[part] += truth.emissivity[part] * hotter
     return Case(changed(cube, s), replace(truth, temperature_k=t), library)
 
@@ -343,7 +343,7 @@ def air_between(view, library, metres):
     s, w = cube.radiance.astype(np.float64), cube.wavelength_um
     at = distance_transform_edt(~is_sky, return_distances=False, return_indices=True)
     of_sky = sky * s[:, *at]
-    glow = radiance(w, air.air_temperature_k)[:, None, None]
+    glow = planck(w, air.air_temperature_k)[:, None, None]
     seen = t / np.maximum(1 - sky, 1e-9) * (s - of_sky) + (1 - sky - t) * glow + of_sky
     s = add_noise(np.where(is_sky, s, seen), w, NETD_K, np.random.default_rng(view.draw))
     return Case(HeatCube(s, w, cube.fwhm_um, NETD_K), truth, library)
@@ -442,7 +442,7 @@ def answer(case, method, model):
     if case.wrong_k:
         environment = estimate_environment(case.cube, case.library, case.k)
         w, s = environment.wavelength_um, environment.radiance
-        slope = radiance_derivative(w, brightness_temperature(w, s))
+        slope = planck_derivative(w, brightness_temperature(w, s))
         environment = replace(environment, radiance=s + case.wrong_k * slope)
         environment = environment.off_by(case.stated_k) if case.stated_k else environment
     return decompose(

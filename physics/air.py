@@ -14,26 +14,26 @@ from typing import NamedTuple
 import numpy as np
 
 from .bands import band_means, quadrature
-from .planck import radiance
+from .planck import planck
 from .sky import level_transmittance, usual_atmosphere
 
 
 class Air(NamedTuple):
     """So many metres of air of temperature_k, K, in front of a camera: per band its transmittance
-    and its glow (1 - t) B(T_air), W m-2 sr-1 um-1."""
+    and its path radiance (1 - t) B(T_air), W m-2 sr-1 um-1."""
 
     metres: float
     temperature_k: float
     transmittance: tuple[float, ...]
-    glow: tuple[float, ...]
+    path_radiance: tuple[float, ...]
 
     @staticmethod
     def of(metres, temperature_k, wavelength_um, fwhm_um):
         """Air of usual humidity, at bands (bands,) of centres and widths in um."""
         atmosphere, nodes = usual_atmosphere(temperature_k), quadrature(wavelength_um, fwhm_um)
         t = lambda w: level_transmittance(w, metres, atmosphere)
-        glow = band_means(lambda w: (1 - t(w)) * radiance(w, temperature_k), nodes)
-        means = (tuple(a.tolist()) for a in (band_means(t, nodes), glow))
+        path_radiance = band_means(lambda w: (1 - t(w)) * planck(w, temperature_k), nodes)
+        means = (tuple(a.tolist()) for a in (band_means(t, nodes), path_radiance))
         return Air(float(metres), float(temperature_k), *means)
 
     @property

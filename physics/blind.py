@@ -39,7 +39,7 @@ from .estimate import USUAL_OBJECTS, Sample
 from .exact.local import solve_given, solve_local
 from .exact.reduced import reduce_model
 from .library import SKY, MaterialLibrary
-from .planck import brightness_temperature, noise_sigma, radiance
+from .planck import brightness_temperature, noise_sigma, planck
 
 MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials
@@ -146,7 +146,7 @@ def _emissivity(cube, s, sky):
     best, found, best_k = np.full(len(s), np.inf), np.empty_like(s), low.copy()
 
     def look(t):
-        contrast = np.maximum(radiance(cube.wavelength_um, t[:, None]) - sky, cube.sigma)
+        contrast = np.maximum(planck(cube.wavelength_um, t[:, None]) - sky, cube.sigma)
         e = (s - sky) / contrast
         noise = (cube.sigma / contrast) ** 2
         variance = noise[:, 2:] + 4 * noise[:, 1:-1] + noise[:, :-2] + ROUGHNESS**2
@@ -170,7 +170,7 @@ def _sky_curve(cube, s, starter):
     w, cold = cube.wavelength_um, s.mean(axis=1)
     seen = s[cold <= np.quantile(cold, 0.05)].mean(axis=0)
     air_k = brightness_temperature(w, seen).max() + AIR_EXCESS_K
-    depth = -np.log(1 - seen / radiance(w, air_k))
+    depth = -np.log(1 - seen / planck(w, air_k))
     known = -np.log1p(-starter.at(w)[0])
     clear = known <= np.median(known)  # elsewhere the air's temperature decides
     mass = (depth[clear] @ known[clear]) / (known[clear] @ known[clear])
@@ -229,7 +229,7 @@ def _solved_for(scene, curves):
     row, t = local.row[p, best], local.temperature_k[p, best].astype(np.float64)
     _, t, v, _ = solve_given(model, s, row, t, np.zeros(len(s)), t)
     light = v @ scene.environment.radiance
-    contrast = (radiance(cube.wavelength_um, t[:, None]) - light) / cube.sigma
+    contrast = (planck(cube.wavelength_um, t[:, None]) - light) / cube.sigma
     bend = np.diff(np.eye(cube.bands), 2, axis=0)
     new = curves.copy()
     for c in range(len(curves)):

@@ -9,7 +9,7 @@ material and texture cause. In a thermal image the first two drown the third.
 import numpy as np
 
 from .errors import InputError
-from .planck import radiance, radiance_derivative
+from .planck import planck, planck_derivative
 
 
 def contrast_terms(temperature_k, emissivity, texture, wavelength_um):
@@ -32,9 +32,7 @@ def contrast_terms(temperature_k, emissivity, texture, wavelength_um):
     w = np.asarray(wavelength_um)[:, None, None]
     d = lambda a: np.stack(np.gradient(a, axis=(-2, -1)))
     return {
-        "temperature": d(temperature_k)[:, None]
-        * emissivity
-        * radiance_derivative(w, temperature_k),
-        "material": d(emissivity) * (radiance(w, temperature_k) - texture),
+        "temperature": d(temperature_k)[:, None] * emissivity * planck_derivative(w, temperature_k),
+        "material": d(emissivity) * (planck(w, temperature_k) - texture),
         "texture": d(texture) * (1 - emissivity),
     }

@@ -7,8 +7,7 @@ import numpy as np
 from .cube.dead_pixels import HOTTEST_K
 from .cube.heat_cube import check_wavelength, numbers
 from .errors import Implausible, InputError
-from .planck import brightness_temperature, radiance_derivative
-from .planck import radiance as planck_radiance
+from .planck import brightness_temperature, planck, planck_derivative
 from .prior import lighting_scale, scene_temperatures
 
 FAR_K = 100.0  # from the cube: in other units
@@ -50,7 +49,7 @@ class Environment:
             )
         if not np.isfinite(s).all() or (s <= 0).any():
             raise Implausible("environment: radiance must be finite and positive.")
-        if (s > planck_radiance(w, HOTTEST_K)).any():
+        if (s > planck(w, HOTTEST_K)).any():
             raise Implausible(
                 f"environment: radiance looks hotter than {HOTTEST_K:.0f} K; give it in "
                 "W m-2 sr-1 um-1."
@@ -108,7 +107,7 @@ class Environment:
         if error.ndim or not 0 <= error <= 100:
             raise InputError(f"environment: it may be off by 0-100 K, got {kelvin}.")
         seen_k = brightness_temperature(self.wavelength_um, self.radiance)
-        off = error * radiance_derivative(self.wavelength_um, seen_k)
+        off = error * planck_derivative(self.wavelength_um, seen_k)
         # of sum V_j off_j, of any V as likely as it is a priori, the two directions that vary most
         mean = off.mean(axis=0, keepdims=True)
         rows = np.concatenate([mean, (off - mean) * lighting_scale(len(off))])

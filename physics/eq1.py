@@ -8,7 +8,7 @@ broadcast. Numpy in, numpy out; torch in, torch out and differentiable in all of
 T, e, V and the environment.
 """
 
-from .planck import radiance
+from .planck import planck
 
 
 def heat_signal(temperature_k, emissivity, texture, wavelength_um):
@@ -23,7 +23,7 @@ def heat_signal(temperature_k, emissivity, texture, wavelength_um):
     """
     if wavelength_um.ndim == 1:
         wavelength_um, emissivity = wavelength_um[:, None], emissivity[..., None]
-    glow = (emissivity * radiance(wavelength_um, temperature_k[..., None, None])).mean(-1)
+    glow = (emissivity * planck(wavelength_um, temperature_k[..., None, None])).mean(-1)
     return glow + (1 - emissivity.mean(-1)) * texture
 
 

@@ -33,13 +33,13 @@ from threadpoolctl import threadpool_limits
 from .bands import band_means, quadrature
 from .cube.dead_pixels import FEW, lit
 from .cube.heat_cube import HeatCube
-from .cube.hot import parted, shine
+from .cube.hot import split_hot, spread_of_hot
 from .cube.saturation import saturated
 from .environment import Environment
 from .errors import InputError
 from .machinery.blas import no_blas_threads
 from .overhead import least_ratio, overhead
-from .planck import brightness_temperature, radiance, radiance_derivative
+from .planck import brightness_temperature, planck, planck_derivative
 from .sky import AIR_MASSES, MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
 USUAL_OBJECTS = 5  # of an environment, where the sky is in view
@@ -135,7 +135,7 @@ class Sample:
     """
 
     def __init__(self, cube, library, seed=0):
-        self.cube, _, self.hot = parted(cube.with_netd())
+        self.cube, _, self.hot = split_hot(cube.with_netd())
         self.library, self.seed = library, seed
         pick = self.cube.random_pixels(np.random.default_rng(seed), SAMPLES)
         radiance = self.cube.pixels(pick)
@@ -183,7 +183,8 @@ class Sample:
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
         fit = _clusters(ground, k - len(skies), 3, self.seed)
         spread = _principal(ground - fit.cluster_centers_[fit.labels_]) * cube.sigma
-        spread = np.concatenate([spread, shine(self.hot, cube.measured_count + self.hot.shape[1])])
+        pixels = cube.measured_count + self.hot.shape[1]
+        spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
             tuple(range(len(skies))), spread, _principal(deviations) * cube.sigma,
@@ -215,8 +216,8 @@ class Sample:
         for warmer, vapour, cosine in ASSUMED:
             air = usual_atmosphere(np.median(t) + warmer)
             air = replace(air, water_cm=min(vapour * air.water_cm, MOST_WATER_CM))
-            shine = partial(sky_radiance, cos_zenith=[cosine], atmosphere=air)
-            skies.append(band_means(shine, nodes)[0])
+            above = partial(sky_radiance, cos_zenith=[cosine], atmosphere=air)
+            skies.append(band_means(above, nodes)[0])
         skies = np.array(skies) / cube.sigma
         return skies[:1], skies - skies[0]
 
@@ -299,8 +300,8 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
         opacity = opacity[:, beyond]
     t = brightness_temperature(wavelength_um, spectrum)
     air_k = np.linspace(t.max() - 2, max(t.max() + 12, scene_k), 20)[:, None, None]
-    glow = radiance(wavelength_um, air_k)
-    per_kelvin = radiance_derivative(wavelength_um, 300.0)
+    glow = planck(wavelength_um, air_k)
+    per_kelvin = planck_derivative(wavelength_um, 300.0)
 
     def best(models):
         misfit = np.sqrt((((models - spectrum) / per_kelvin) ** 2).mean(axis=-1))

@@ -9,7 +9,7 @@ material, pure or partly sky, as in `exact.reduced`) is then Gaussian too. In no
 
 with, in the rows of F_h, what the pixel is free in, one standard deviation long:
 
-    g_h spread, g_h skylight_spread, alpha sky_spread, the sky's share     (deviations)
+    g_h spread, g_h skylight_spread, alpha sky_spread, alpha's own step       (deviations)
     g_h (S_j - mean S) / sqrt(3 k)                                         (lighting, x_V)
     (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
 
@@ -36,7 +36,7 @@ import torch
 
 from .exact.reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY
 from .known import COLDEST_PRIOR_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
-from .planck import radiance
+from .planck import planck
 from .prior import lighting_scale
 
 QUADRATURE = 16
@@ -83,20 +83,20 @@ class Hypotheses(NamedTuple):
     """What of the evidence does not depend on the pixel. R = 2 materials hypotheses (all
     pure, then all mixed with sky), q rows of F of which the last r = k + n are x.
 
-    share (R,) alpha; emissivity (materials, bands) band means; rim (R, bands) what one standard
-    deviation of alpha changes, W m-2 sr-1 um-1; centre (bands,) and look (d, bands):
-    z = look (s - centre); to_w (R d, d + 1) and to_x (R r, d + 1): w and x^ in z and 1;
-    offset (R,) log p(z | h) where w is 0; precision (R, r, r) S^-1 and half its log_det (R,);
-    to_deviation (R, q - r, d), deviation_0 (R, q - r) and lean (R, q - r, r): the likeliest
-    deviations are to_deviation z + deviation_0 - lean (x - x^). precision and log_det are
-    float64, all else float32.
+    sky_share (R,) alpha; emissivity (materials, bands) band means; alpha_step (R, bands) what one
+    standard deviation of alpha changes, W m-2 sr-1 um-1; centre (bands,) and projection (d,
+    bands): z = projection (s - centre); to_w (R d, d + 1) and to_x (R r, d + 1): w and x^ in z
+    and 1; offset (R,) log p(z | h) where w is 0; precision (R, r, r) S^-1 and half its log_det
+    (R,); to_deviation (R, q - r, d), deviation_0 (R, q - r) and sensitivity (R, q - r, r): the
+    likeliest deviations are to_deviation z + deviation_0 - sensitivity (x - x^). precision and
+    log_det are float64, all else float32.
     """
 
-    share: torch.Tensor
+    sky_share: torch.Tensor
     emissivity: torch.Tensor
-    rim: torch.Tensor
+    alpha_step: torch.Tensor
     centre: torch.Tensor
-    look: torch.Tensor
+    projection: torch.Tensor
     to_w: torch.Tensor
     to_x: torch.Tensor
     offset: torch.Tensor
@@ -104,16 +104,16 @@ class Hypotheses(NamedTuple):
     log_det: torch.Tensor
     to_deviation: torch.Tensor
     deviation_0: torch.Tensor
-    lean: torch.Tensor
+    sensitivity: torch.Tensor
 
 
 def hypotheses(known: Known) -> Hypotheses:
     """Set up all hypotheses of a scene."""
     # the basis as it came: ONNX Runtime loses a cast and its reverse that only a Scan's body uses
-    look, known = known.basis, Known(*(x.double() for x in known))
+    projection, known = known.basis, Known(*(x.double() for x in known))
     sky, sigma, k = known.is_sky, known.sigma, known.environment.shape[0]
     in_view = (known.sky_mean.max() > 0).double()
-    share = torch.cat([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
+    sky_share = torch.cat([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
     share_sigma = torch.cat([0 * sky, sky * MIXED_SKY[1] + (1 - sky) * MIXED_MATERIAL[1]])
     prior = torch.cat(
         [
@@ -125,25 +125,25 @@ def hypotheses(known: Known) -> Hypotheses:
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
     series = _planck_series(known.nodes_um, known.prior_k)  # (n + 1, bands, nodes)
     glow = (e[:, None] * series).mean(dim=-1).repeat(2, 1, 1) / sigma  # (R, n + 1, bands)
-    glow = glow * (1 - share)[:, None, None]
+    glow = glow * (1 - sky_share)[:, None, None]
     emissivity = e.mean(dim=-1)
-    reflected = (1 - share)[:, None] * (1 - emissivity.repeat(2, 1))
+    reflected = (1 - sky_share)[:, None] * (1 - emissivity.repeat(2, 1))
     usual = known.environment.mean(dim=0)
     black = series[0].mean(dim=-1)
     of_reflected = (reflected / sigma)[:, None]
-    rim = share_sigma[:, None] * (known.sky_mean - black)
+    alpha_step = share_sigma[:, None] * (known.sky_mean - black)
     rows = torch.cat(
         [
             of_reflected * known.spread,
             of_reflected * known.skylight_spread,
-            share[:, None, None] * (known.sky_spread / sigma),
-            (rim / sigma)[:, None],
+            sky_share[:, None, None] * (known.sky_spread / sigma),
+            (alpha_step / sigma)[:, None],
             of_reflected * ((known.environment - usual) * lighting_scale(k)),
             glow[:, 1:],
         ],
         dim=1,
     )
-    mean = glow[:, 0] + of_reflected[:, 0] * usual + share[:, None] * known.sky_mean / sigma
+    mean = glow[:, 0] + of_reflected[:, 0] * usual + sky_share[:, None] * known.sky_mean / sigma
     r, scale = k + TERMS, (known.basis**2).sum(dim=1).sqrt()
     basis = known.basis / scale[:, None]
     rows, error = rows @ basis.T, (reflected * known.error / sigma) ** 2
@@ -161,11 +161,11 @@ def hypotheses(known: Known) -> Hypotheses:
     w_0 = -(inverse @ means[..., None])
     to_w = torch.cat([inverse / scale, w_0], dim=2)
     return Hypotheses(
-        share=share.float(),
+        sky_share=sky_share.float(),
         emissivity=emissivity.float(),
-        rim=rim.float(),
+        alpha_step=alpha_step.float(),
         centre=centre.float(),
-        look=look,
+        projection=projection,
         to_w=to_w.flatten(0, 1).float(),
         to_x=(of_x @ to_w).flatten(0, 1).float(),
         offset=(prior - log_det(lower)).float(),
@@ -173,7 +173,7 @@ def hypotheses(known: Known) -> Hypotheses:
         log_det=log_det(root),
         to_deviation=(of_d @ to_w[..., :-1]).float(),
         deviation_0=(of_d @ w_0)[..., 0].float(),
-        lean=(of_d @ of_x.transpose(1, 2) @ precision).float(),
+        sensitivity=(of_d @ of_x.transpose(1, 2) @ precision).float(),
     )
 
 
@@ -195,7 +195,7 @@ def evidence(h: Hypotheses, s):
 
 def components(h: Hypotheses, s):
     """z (d, P) of noise-scaled spectra s (bands, P)."""
-    return h.look @ (s - h.centre[:, None])
+    return h.projection @ (s - h.centre[:, None])
 
 
 def likeliest(h: Hypotheses, z):
@@ -228,7 +228,7 @@ def _planck_series(nodes_um, prior_k):
     t, w = (torch.from_numpy(a).to(prior_k.device) for a in (t, w / w.sum()))
     value = torch.cat([torch.ones_like(t)[None], hermite(t)[0]])
     temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=COLDEST_PRIOR_K)
-    b = radiance(nodes_um, temperature[:, None, None])
+    b = planck(nodes_um, temperature[:, None, None])
     return torch.einsum("di,ibn->dbn", w * value, b)
 
 

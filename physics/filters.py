@@ -51,7 +51,7 @@ from .errors import InputError
 from .estimate import ERROR_K
 from .identifiability import jacobian
 from .library import SKY
-from .planck import noise_sigma, radiance
+from .planck import noise_sigma, planck
 from .prior import MIN_TEMPERATURE_SPREAD_K
 from .sky import sky_radiance, usual_atmosphere
 
@@ -101,7 +101,7 @@ def draw_scenes():
     ground = air + rng.normal(0, 3, DRAWS)
     airs = map(usual_atmosphere, air, np.resize(HUMIDITY, DRAWS))
     sky = [sky_radiance(FINE_UM, COS_ZENITH, a) for a in airs]
-    ground = radiance(FINE_UM, (ground + np.array(GROUND_K)).T[..., None])
+    ground = planck(FINE_UM, (ground + np.array(GROUND_K)).T[..., None])
     environment = np.concatenate([sky, ground], axis=1)
     lighting = rng.dirichlet(np.ones(environment.shape[1]), DRAWS)
     return Scenes(air + rng.normal(0, 5, DRAWS), environment, lighting)
@@ -180,16 +180,16 @@ class _Model:
         knots = np.arange(LOW_UM, HIGH_UM + 0.5)
         error = np.maximum(0, 1 - np.abs(w[:, None] - knots))
         error = (1 - e)[..., None] * error * noise_sigma(w, ERROR_K)[:, None]
-        signal, lean = [], []
+        signal, sensitivity = [], []
         for t, environment, v in zip(*scenes, strict=True):
             t, environment = np.full(len(e), t), environment[:, inside]
             signal.append(render(t, e, v, environment, w)[0])
             j = jacobian(w, 1.0, e, environment, t)
-            lean.append(np.concatenate([j, error], axis=2))
+            sensitivity.append(np.concatenate([j, error], axis=2))
         # integrals over wavelength from the lowest to each edge of the fine bands
         self._signal, self._lean = (
             np.cumsum(np.insert(a, 0, 0, axis=2), axis=2) * STEP_UM
-            for a in (np.array(signal), np.array(lean))
+            for a in (np.array(signal), np.array(sensitivity))
         )
         (draws, k), m, r = scenes.lighting.shape, len(e), self._lean.shape[-1]
         prior = np.eye(r)

@@ -15,7 +15,7 @@ body among grey surroundings. V enters Eq. 4 linearly, so its value does not mat
 
 import numpy as np
 
-from .planck import radiance_derivative
+from .planck import planck_derivative
 
 
 def jacobian(wavelength_um, noise, emissivity, environment, temperature_k):
@@ -24,7 +24,7 @@ def jacobian(wavelength_um, noise, emissivity, environment, temperature_k):
     wavelength_um (bands,) um; noise (bands,) W m-2 sr-1 um-1; emissivity (P, bands);
     environment (k, bands) W m-2 sr-1 um-1; temperature_k (P,) K.
     """
-    j_t = emissivity * radiance_derivative(wavelength_um, temperature_k[:, None])
+    j_t = emissivity * planck_derivative(wavelength_um, temperature_k[:, None])
     between = environment[:-1] - environment[-1]
     j_v = (1 - emissivity)[:, None] * between
     return np.moveaxis(np.concatenate([j_t[:, None], j_v], axis=1) / noise, 1, 2)

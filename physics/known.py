@@ -4,7 +4,7 @@ import numpy as np
 
 from .bands import quadrature
 from .errors import InputError
-from .planck import brightness_temperature, noise_sigma, radiance
+from .planck import brightness_temperature, noise_sigma, planck
 from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperature
 
 TERMS = 5  # of the series of Planck's law in `evidence`
@@ -78,7 +78,7 @@ def _basis(s, cube, emissivity, environment, mean_k, spread_k):
     under any light, may have."""
     s = s - s.mean(axis=0)
     t = np.maximum(mean_k + spread_k * np.array([[-1], [0], [1]]), COLDEST_PRIOR_K)
-    glow = radiance(cube.wavelength_um, t)
+    glow = planck(cube.wavelength_um, t)
     light = np.concatenate([
         environment.radiance - environment.radiance.mean(axis=0), environment.spread,
         environment.skylight_spread,

@@ -124,7 +124,7 @@ class MaterialLibrary:
             self.level_sigma[i],
         )  # fmt: skip
 
-    def mirrors(self, wavelength_um):
+    def is_mirror(self, wavelength_um):
         """(materials,) bool, which reflect most of the light at wavelengths (n,) in um: with so
         little glow of their own they may look like anything. Raises InputError as `at`."""
         return self.at(wavelength_um).mean(axis=1) < MIRROR

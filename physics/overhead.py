@@ -19,7 +19,7 @@ depth is more than that of usual air overhead, which is as warm.
 import numpy as np
 
 from .bands import band_means, quadrature
-from .planck import brightness_temperature, radiance, radiance_derivative
+from .planck import brightness_temperature, planck, planck_derivative
 from .sky import usual_atmosphere, zenith_optical_depth
 
 AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of T_air over what most of the visible sky's opaque band shows
@@ -45,7 +45,7 @@ def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance, leas
     air_k = max(air_temperature(wavelength_um, sky, seen), least_k)
     skies = []
     for excess in AIR_EXCESS_K:
-        glow = radiance(wavelength_um, air_k + excess)
+        glow = planck(wavelength_um, air_k + excess)
         b = growth(wavelength_um, sky, noise, air_k + excess, zenith_transmittance)
         tau = -np.log1p(-seen / glow)
         skies.append(glow * -np.expm1(-tau * np.array(ratios)[:, None] ** b))
@@ -69,26 +69,26 @@ def least_ratio(wavelength_um, fwhm_um, sky, seen, scene_k):
     nodes = quadrature(wavelength_um, fwhm_um)
     air = usual_atmosphere(air_k)
     zenith = -np.log(band_means(lambda w: np.exp(-zenith_optical_depth(w, air)), nodes))
-    tau = -np.log1p(-seen / radiance(wavelength_um, air_k + AIR_EXCESS_K[1]))
+    tau = -np.log1p(-seen / planck(wavelength_um, air_k + AIR_EXCESS_K[1]))
     clear = tau <= np.quantile(tau, WINDOWS)
     return OVERHEAD / np.clip(np.median(tau[clear] / zenith[clear]), NEAREST, FARTHEST)
 
 
 def growth(wavelength_um, sky, noise, air_k, zenith_transmittance):
     """b (bands,) of the visible sky's pixels; arguments as of `overhead`, air_k in K."""
-    glow = radiance(wavelength_um, air_k)
+    glow = planck(wavelength_um, air_k)
     t = 1 - sky / glow
     told = (t > DARKEST) & (t < CLEAREST)
     t = np.clip(t, DARKEST, CLEAREST)
     tau = -np.log(t)
     precision = np.where(told, (glow * t * tau / noise) ** 2, 0.0)  # of log tau, for noise
     # d log tau / d T_air
-    lean = -(1 - t) / (t * tau) * (radiance_derivative(wavelength_um, air_k) / glow)
-    weight = precision / (1 + precision * (AIR_DOUBT_K * lean) ** 2)
+    sensitivity = -(1 - t) / (t * tau) * (planck_derivative(wavelength_um, air_k) / glow)
+    weight = precision / (1 + precision * (AIR_DOUBT_K * sensitivity) ** 2)
     weight = weight.sum(axis=0) / max(weight.sum(), 1e-30)
     abscissa = np.log(tau) @ weight
     slope, variance = _slope(abscissa, np.log(tau), precision, weight)
-    variance = variance + (AIR_DOUBT_K * _slope(abscissa, lean, precision)[0]) ** 2
+    variance = variance + (AIR_DOUBT_K * _slope(abscissa, sensitivity, precision)[0]) ** 2
     prior = OPAQUE_GROWTH + (1 - OPAQUE_GROWTH) * zenith_transmittance
     prior = prior / np.quantile(prior, CLEAR_QUANTILE)
     clear = 1.0

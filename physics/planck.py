@@ -25,18 +25,18 @@ def _namespace(*arrays):
     return torch if any(isinstance(a, tensor) for a in arrays) else np
 
 
-def radiance(wavelength_um, temperature_k):
+def planck(wavelength_um, temperature_k):
     """Blackbody spectral radiance B(wavelength, T), Eq. 3, in W m-2 sr-1 um-1."""
     xp = _namespace(wavelength_um, temperature_k)
     x = C2 / (wavelength_um * temperature_k)
     return C1 / wavelength_um**5 * xp.exp(-x) / -xp.expm1(-x)
 
 
-def radiance_derivative(wavelength_um, temperature_k):
+def planck_derivative(wavelength_um, temperature_k):
     """dB/dT in W m-2 sr-1 um-1 K-1."""
     xp = _namespace(wavelength_um, temperature_k)
     x = C2 / (wavelength_um * temperature_k)
-    return radiance(wavelength_um, temperature_k) * x / temperature_k / -xp.expm1(-x)
+    return planck(wavelength_um, temperature_k) * x / temperature_k / -xp.expm1(-x)
 
 
 def brightness_temperature(wavelength_um, spectral_radiance):
@@ -48,4 +48,4 @@ def brightness_temperature(wavelength_um, spectral_radiance):
 
 def noise_sigma(wavelength_um, netd_k):
     """Noise per band, W m-2 sr-1 um-1: NETD (K, at 300 K) times dB/dT(300 K)."""
-    return netd_k * radiance_derivative(wavelength_um, 300.0)
+    return netd_k * planck_derivative(wavelength_um, 300.0)

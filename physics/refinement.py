@@ -120,8 +120,8 @@ def refine(
     for _ in range(steps):
         step, curvature, c, slope = newton(t)
         v = v_2 - _times(solve, _times(vt, c + slope * step - c_2))
-        lean = -_times(solve, _times(vt, slope))  # dV / dt
-        step, v, sigma = _bounded(b, row, step, v, lean, 1 / curvature)
+        sensitivity = -_times(solve, _times(vt, slope))  # dV / dt
+        step, v, sigma = _bounded(b, row, step, v, sensitivity, 1 / curvature)
         t = (t + step).clamp(-MAX_T, MAX_T)
     _, curvature, c, _ = newton(t)
     off = c - c_2
@@ -145,20 +145,20 @@ def deviations(h: Hypotheses, z, x, hot, t, lighting):
     k = lighting.shape[0]
     at = torch.cat([(lighting - 1 / k) / lighting_scale(k), hermite(t)[0]])
     likeliest = _times(of_rows(h.to_deviation, hot), z) + of_rows(h.deviation_0, hot)
-    return likeliest - _times(of_rows(h.lean, hot), at - x)
+    return likeliest - _times(of_rows(h.sensitivity, hot), at - x)
 
 
-def _bounded(b, row, step, v, lean, variance):
+def _bounded(b, row, step, v, sensitivity, variance):
     """Condition the Gaussian of (step, V) on V >= 0 -> step, V on the simplex, sigma of step.
 
-    variance is that of the step (P,), lean (k, P) is dV / d step. Many pixels need it not at all,
-    few more than once: only those that still do are looked at.
+    variance is that of the step (P,), sensitivity (k, P) is dV / d step. Many pixels need it not at
+    all, few more than once: only those that still do are looked at.
     """
     out = _outside(v)
-    lean = torch.cat([torch.ones_like(step)[None], lean])[:, out]
+    sensitivity = torch.cat([torch.ones_like(step)[None], sensitivity])[:, out]
     covariance = of_rows(b.covariance, one_hot(row[out], b.covariance.shape[0]))
     covariance = functional.pad(covariance, (0, 0, 1, 0, 1, 0))
-    covariance = covariance + variance[out] * lean[:, None] * lean
+    covariance = covariance + variance[out] * sensitivity[:, None] * sensitivity
     u = torch.cat([step[None], v])
     inside, of_inside = _conditioned(u[:, out], covariance, MAX_AT_ZERO)
     u, variance = u.index_copy(1, out, inside), variance.index_copy(0, out, of_inside)

@@ -37,7 +37,7 @@ import numpy as np
 
 from .cube.heat_cube import check_wavelength
 from .errors import InputError
-from .planck import C2, radiance
+from .planck import C2, planck
 
 HC_K = C2 / 1e4  # h c / k_B, cm K
 TROPOPAUSE_K = 216.65
@@ -99,7 +99,7 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     profile = _profile(atmosphere)
     transmittance = np.exp(-_optical_depth(w, air_mass(c), profile))
     above = np.concatenate([np.ones_like(transmittance[:, :1]), transmittance[:, :-1]], axis=1)
-    glow = radiance(w, profile.temperature_k[:, None])
+    glow = planck(w, profile.temperature_k[:, None])
     return np.einsum("dln,ln->dn", above - transmittance, glow)
 
 

@@ -36,7 +36,7 @@ def supported_count(cube, library, seed=0, assume_sky=False):
     pick = cube.random_pixels(np.random.default_rng([seed, 1]), SAMPLES)
     spectra = cube.pixels(pick).astype(np.float32)
     in_view = sample.sky.any()
-    solid = np.flatnonzero(~library.mirrors(cube.wavelength_um))
+    solid = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
     if assume_sky and not in_view and len(solid) > 1:
         library = library.subset([library.names[i] for i in solid])
     least = UNDER_SKY if in_view else 2 if assume_sky else 1

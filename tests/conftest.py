@@ -10,7 +10,7 @@ import pytest
 
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 
 
 def small_library(materials=8, seed=0):
@@ -23,8 +23,8 @@ def small_library(materials=8, seed=0):
 
 
 def small_environment(w, k=3):
-    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * radiance(w, 285.0)  # like a sky
-    warm = [radiance(w, t) for t in np.linspace(280, 310, k - 1)] if k > 1 else []
+    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)  # like a sky
+    warm = [planck(w, t) for t in np.linspace(280, 310, k - 1)] if k > 1 else []
     return Environment(np.stack([cold, *warm]), w)
 
 

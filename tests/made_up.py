@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from physics.cube.heat_cube import HeatCube
-from physics.planck import radiance
+from physics.planck import planck
 from physics.truth import Truth
 from texnet.pipeline import Decomposition
 
@@ -22,7 +22,7 @@ def truth(height=24, width=30, seed=0):
     view = np.where(sky, 0.0, rng.uniform(0.05, 0.95, (height, width)))
     temperature = rng.uniform(280.0, 300.0, (height, width))
     w = WAVELENGTH[:, None, None]
-    texture = np.where(sky, 0.0, view * radiance(w, 250.0) + (1 - view) * radiance(w, 288.0))
+    texture = np.where(sky, 0.0, view * planck(w, 250.0) + (1 - view) * planck(w, 288.0))
     return Truth(
         temperature_k=temperature.astype(np.float32),
         material=material,
@@ -30,7 +30,7 @@ def truth(height=24, width=30, seed=0):
         emissivity=np.full(texture.shape, 0.9, np.float32),
         texture=texture.astype(np.float32),
         sky_view=view.astype(np.float32),
-        sky_texture=np.where(sky, 6.0, view * radiance(10.0, 250.0)).astype(np.float32),
+        sky_texture=np.where(sky, 6.0, view * planck(10.0, 250.0)).astype(np.float32),
         visible=rng.uniform(0, 1, (height, width, 3)).astype(np.float32),
         wavelength_um=WAVELENGTH,
     )
@@ -38,8 +38,8 @@ def truth(height=24, width=30, seed=0):
 
 def cube(t):
     """The HeatCube of a Truth by Eq. 1, sky as a black body."""
-    planck = radiance(t.wavelength_um[:, None, None], t.temperature_k.astype(float))
-    s = t.emissivity * planck + (1 - t.emissivity) * t.texture
+    black = planck(t.wavelength_um[:, None, None], t.temperature_k.astype(float))
+    s = t.emissivity * black + (1 - t.emissivity) * t.texture
     return HeatCube(s, t.wavelength_um, np.ones(len(t.wavelength_um)), 0.05)
 
 
@@ -54,7 +54,7 @@ def perfect(t, names=NAMES):
         material=material,
         material_names=tuple(names),
         thermal_lighting=lighting.astype(np.float32),
-        environment=radiance(t.wavelength_um, np.array([[250.0], [288.0]])),
+        environment=planck(t.wavelength_um, np.array([[250.0], [288.0]])),
         sky=(0,),
         texture=t.texture,
         sky_texture=t.sky_texture,

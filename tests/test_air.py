@@ -12,7 +12,7 @@ from physics import HeatCube, InputError, MaterialLibrary
 from physics.air import Air
 from physics.environment import Environment
 from physics.estimate import estimate_environment
-from physics.planck import brightness_temperature, radiance
+from physics.planck import brightness_temperature, planck
 from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
@@ -32,7 +32,7 @@ metres, kelvins = st.floats(1, 2000), st.floats(240, 310)
 
 def through(cube, air, at=True):
     """What shows of a HeatCube's pixels, those that are at, behind some Air."""
-    t, glow = (np.array(a)[:, None, None] for a in (air.transmittance, air.glow))
+    t, glow = (np.array(a)[:, None, None] for a in (air.transmittance, air.path_radiance))
     s = np.where(at, t * cube.radiance + glow, cube.radiance)
     return HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
 
@@ -41,7 +41,7 @@ def behind(cube, truth, metres, humidity=0.5, kelvin=285.0):
     """A HeatCube whose ground is so far away, through air of another humidity than is usual."""
     atmosphere, w = usual_atmosphere(kelvin, humidity), cube.wavelength_um
     t = level_transmittance(w, metres, atmosphere)
-    air = Air(metres, kelvin, tuple(t), tuple((1 - t) * radiance(w, kelvin)))
+    air = Air(metres, kelvin, tuple(t), tuple((1 - t) * planck(w, kelvin)))
     return through(cube, air, names_of(truth) != "sky")
 
 
@@ -49,14 +49,14 @@ def behind(cube, truth, metres, humidity=0.5, kelvin=285.0):
 @settings(deadline=None, max_examples=20)
 def test_a_black_body_as_warm_as_the_air_looks_the_same_through_it(metres, kelvin):
     air = Air.of(metres, kelvin, W, np.zeros(13))
-    black = radiance(W, kelvin)
-    np.testing.assert_allclose(air.transmittance * black + air.glow, black, rtol=1e-12)
+    black = planck(W, kelvin)
+    np.testing.assert_allclose(air.transmittance * black + air.path_radiance, black, rtol=1e-12)
 
 
 def test_behind_air_that_hides_all_nothing_is_likely():
     """Where what it lets through is nothing, what a right camera would have shown has no end."""
     cube, _ = traced("forest", 24)
-    hidden = Air(1e6, 285.0, (0.0,) * 24, tuple(radiance(cube.wavelength_um, 285.0)))
+    hidden = Air(1e6, 285.0, (0.0,) * 24, tuple(planck(cube.wavelength_um, 285.0)))
     environment = estimate_environment(cube, LIBRARY, 5)
     never = lambda *_: pytest.fail("there is nothing to look at")
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,7 +101,7 @@ def test_carbon_dioxide_and_vapour_close_the_window_from_its_ends():
 @given(st.floats(0, 300), kelvins, st.floats(0.9, 1.1), st.floats(-1, 1))
 @settings(deadline=None, max_examples=20)
 def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, offset_k):
-    s = radiance(W, np.linspace(250, 320, 20)[:, None]).T.reshape(13, 4, 5)
+    s = planck(W, np.linspace(250, 320, 20)[:, None]).T.reshape(13, 4, 5)
     cube, air = HeatCube(s, W, FWHM, 0.05), Air.of(metres, kelvin, W, FWHM)
     seen = through(cube, air)
     c = Calibration(gain, offset_k, air=air)
@@ -115,11 +115,11 @@ def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, off
 
 def test_the_sky_overhead_is_not_behind_the_air():
     air = Air.of(300.0, 285.0, W, FWHM)
-    spectra = radiance(W, np.array([[230.0], [290.0]]))
-    seen = Environment(spectra, W, sky=(0,), sky_mean=radiance(W, 280.0))
+    spectra = planck(W, np.array([[230.0], [290.0]]))
+    seen = Environment(spectra, W, sky=(0,), sky_mean=planck(W, 280.0))
     own = corrected_environment(seen, Calibration(air=air))
     np.testing.assert_array_equal(own.radiance[0], spectra[0])
-    t, glow = np.array(air.transmittance), np.array(air.glow)
+    t, glow = np.array(air.transmittance), np.array(air.path_radiance)
     np.testing.assert_allclose(t * own.radiance[1] + glow, spectra[1])
     np.testing.assert_allclose(t * own.sky_mean + glow, seen.sky_mean)
 
@@ -274,7 +274,7 @@ def test_none_is_looked_for_without_sky_in_view_or_where_the_environment_is_give
     far = through(cube, Air.of(200.0, 280.0, cube.wavelength_um, cube.fwhm_um))
     assert decompose(far).air_m == 0
     cube, truth = traced("forest", 54)
-    given = Environment(radiance(cube.wavelength_um, np.array([[285.0]])), cube.wavelength_um)
+    given = Environment(planck(cube.wavelength_um, np.array([[285.0]])), cube.wavelength_um)
     assert decompose(behind(cube, truth, 200.0), environment=given).air_m == 0
 
 

@@ -7,7 +7,7 @@ from traced import names_of, one_thread, said, traced  # noqa: F401
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.sky import sky_radiance, usual_atmosphere
 from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS, decompose
@@ -45,7 +45,7 @@ def test_a_field_of_one_material_is_no_mirror_of_itself(material, bands, method)
     w, width = equidistant_bands(bands)
     e = LIBRARY.at(w)[LIBRARY.index(material)][:, None, None]
     t, v = rng.normal(290, 2, (40, 50)), rng.uniform(0.6, 1.0, (40, 50))
-    own = radiance(w[:, None, None], t)
+    own = planck(w[:, None, None], t)
     sky = sky_radiance(w, [0.6], air)[0][:, None, None]
     s = e * own + (1 - e) * (v * sky + (1 - v) * own)
     s += noise_sigma(w, 0.05)[:, None, None] * rng.standard_normal(s.shape)

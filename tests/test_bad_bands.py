@@ -13,7 +13,7 @@ from physics.bands import equidistant_bands
 from physics.cube.bad_bands import NO_RADIANCE, without_bad_bands
 from physics.estimate import estimate_environment
 from physics.machinery import scratch
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator.presets import PRESETS
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
@@ -59,7 +59,7 @@ def test_a_bad_band_is_found_and_no_other(how, bands, band):
 def flat(rng, spread_k=0.03, size=(40, 50)):
     """A wall of nearly one temperature, 54 bands at 50 mK."""
     w, fwhm = equidistant_bands(54)
-    s = radiance(w[:, None, None], 290 + spread_k * rng.standard_normal(size))
+    s = planck(w[:, None, None], 290 + spread_k * rng.standard_normal(size))
     s += noise_sigma(w, 0.05)[:, None, None] * rng.standard_normal(s.shape)
     return w, fwhm, s
 
@@ -108,7 +108,7 @@ def test_no_sound_band_is_left_out(make_pixels, seed, bands, k, netd, height):
 @pytest.mark.parametrize("netd", [0, 0.05])
 def test_where_no_band_shows_anything_none_is_bad(netd):
     w = np.linspace(8, 14, 20)
-    s = radiance(w, 290.0)[:, None, None] * np.ones((20, 30, 40))
+    s = planck(w, 290.0)[:, None, None] * np.ones((20, 30, 40))
     s += noise_sigma(w, netd)[:, None, None] * np.random.default_rng(0).normal(size=s.shape)
     assert without_bad_bands(cube := HeatCube(s, w)) == (cube, {})
 
@@ -124,7 +124,7 @@ def test_an_opaque_band_before_a_scene_as_warm_as_the_air_is_not_bad():
     w = np.linspace(8, 14, 54)
     sky = np.arange(40) < 20
     opacity = np.clip(np.abs(w - 10.5) / 3, 0.1, 1)[:, None, None]
-    s = radiance(w, 288.0)[:, None, None] * np.where(sky, opacity, 1) * np.ones((54, 30, 40))
+    s = planck(w, 288.0)[:, None, None] * np.where(sky, opacity, 1) * np.ones((54, 30, 40))
     s += noise_sigma(w, 0.05)[:, None, None] * np.random.default_rng(0).normal(size=s.shape)
     assert without_bad_bands(cube := HeatCube(s, w)) == (cube, {})
 
@@ -176,7 +176,7 @@ def test_an_environment_of_some_bands_is_that_of_their_spectra():
         np.testing.assert_array_equal(getattr(cut, name), getattr(e, name)[..., good], name)
     assert cut.sky == e.sky and cut.error_k == e.error_k
     w = cube.wavelength_um
-    assert Environment(radiance(w, np.array([[280.0]])), w).only(good).sky_mean is None
+    assert Environment(planck(w, np.array([[280.0]])), w).only(good).sky_mean is None
 
 
 def test_the_command_line_says_which_and_why(tmp_path, capfd):

@@ -8,7 +8,7 @@ import pytest
 
 from physics import HeatCube, InputError
 from physics.blind import EMISSIVITY_MAX, library_from_cube
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.sky import Atmosphere, sky_radiance, zenith_optical_depth
 
 W = np.linspace(8.1, 13.9, 40)
@@ -37,8 +37,8 @@ def make(curves=CURVES, netd_k=None, height=36, width=60, seed=0, surround=288.0
     t = rng.uniform(281.0, 296.0, n)[:, None]
     v = rng.uniform(0.3, 1.0, n)[:, None]
     e = curves[material]
-    x = v * overhead + (1 - v) * radiance(W, surround)
-    s = np.concatenate([sky, e * radiance(W, t) + (1 - e) * x])
+    x = v * overhead + (1 - v) * planck(W, surround)
+    s = np.concatenate([sky, e * planck(W, t) + (1 - e) * x])
     if netd_k is not None:
         s = s + noise_sigma(W, netd_k) * rng.standard_normal(s.shape)
     cube = HeatCube(s.T.reshape(len(W), height, width), W, np.full(len(W), W[1] - W[0]), netd_k)
@@ -114,7 +114,7 @@ def test_what_the_cube_finds_decomposes_it():
 def test_where_nothing_can_be_known_it_says_so():
     n = 40
     shape = (len(W), n, n)
-    inside = HeatCube(np.broadcast_to(radiance(W, 293.0)[:, None, None], shape), W, netd_k=0.05)
+    inside = HeatCube(np.broadcast_to(planck(W, 293.0)[:, None, None], shape), W, netd_k=0.05)
     with pytest.raises(InputError, match="cannot be told from temperature"):
         library_from_cube(inside)
     few = HeatCube(inside.radiance[:8], W[:8], netd_k=0.05)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import texnet.budget as module
 from physics import HeatCube, InputError, MaterialLibrary
-from physics.planck import radiance
+from physics.planck import planck
 from texnet.budget import CROP, best_first, choose, first_within, middle, thinned
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
@@ -139,7 +139,7 @@ def test_a_furnace_in_the_middle_is_foreseen_as_the_rest():
     """Its pixels are most of the part that is timed, whose environment is that of the picture."""
     cube = made_up.cube(made_up.truth(150, 160))
     s = cube.radiance.copy()
-    s[:, 50:100, 50:110] = radiance(cube.wavelength_um, 600.0)[:, None, None]
+    s[:, 50:100, 50:110] = planck(cube.wavelength_um, 600.0)[:, None, None]
     burning = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     library = MaterialLibrary.starter().subset(["sky", "grass", "water", "bark"])
     with (

@@ -12,13 +12,13 @@ import texnet.circumstances
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 from texnet.camera.calibration import calibration
 from texnet.camera.correction import RIGHT, Calibration, corrected
 from texnet.camera.gain_or_offset import GAIN
-from texnet.doubt import doubt_k
 from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS, decompose
+from texnet.uncertainty import shared_error_k
 
 LIBRARY = MaterialLibrary.starter()
 W = np.linspace(8, 14, 12)
@@ -44,7 +44,7 @@ def with_errors(percent):
 
 @given(st.floats(0.9, 1.1), st.floats(-1, 1))
 def test_the_correction_undoes_what_the_camera_did(gain, offset_k):
-    s = radiance(W, np.linspace(240, 320, 20)[:, None]).T.reshape(12, 4, 5)
+    s = planck(W, np.linspace(240, 320, 20)[:, None]).T.reshape(12, 4, 5)
     cube, c = HeatCube(s, W, None, 0.05), Calibration(gain, offset_k)
     back = corrected(shown(cube, c), c)
     np.testing.assert_allclose(back.radiance, cube.radiance, rtol=1e-5)
@@ -197,7 +197,7 @@ def test_too_few_objects_are_not_taken_for_wrong_bands():
 def test_one_hot_pixel_and_saturated_ones_are_left_out():
     cube = traced("forest", 54)[0]
     s = cube.radiance.copy()
-    s[:, 4, 4] = radiance(cube.wavelength_um, 2000.0)
+    s[:, 4, 4] = planck(cube.wavelength_um, 2000.0)
     hot = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     d = decompose(hot, method="local")
     assert (d.gain, d.offset_k, d.netd_k) == (1, 0, cube.netd_k)
@@ -225,7 +225,7 @@ def test_surroundings_that_are_off_are_not_believed(wrong_k, bands, method):
     cube, truth = traced("forest", bands)
     e = estimate_environment(cube, LIBRARY, 5)
     seen_k = brightness_temperature(e.wavelength_um, e.radiance)
-    e = replace(e, radiance=radiance(e.wavelength_um, seen_k + wrong_k))
+    e = replace(e, radiance=planck(e.wavelength_um, seen_k + wrong_k))
     d = decompose(cube, environment=e, method=method)
     if not wrong_k:
         assert d.environment_error_k == 0
@@ -284,7 +284,7 @@ def test_a_fire_is_no_noise(share):
     t = truth.temperature_k[part[1:]]
     hot_k = t + 310 + rng.uniform(-60, 60, t.shape)
     s = cube.radiance.astype(np.float64)
-    s[part] += truth.emissivity[part] * (radiance(w, hot_k) - radiance(w, t))
+    s[part] += truth.emissivity[part] * (planck(w, hot_k) - planck(w, t))
     d = decompose(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
     assert (d.gain, d.noise_raised) == (1, 1)
     cold = np.ones(cube.shape, bool)
@@ -319,9 +319,9 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
     """The Calibration taken where a cube corrected by gain and offset costs nats_of(gain - 1,
     offset) (P,), with a residual in noise units as stated, or one for so much noise."""
     w = np.linspace(8, 14, 12)
-    s = radiance(w, 290.0)[:, None, None] * np.ones((1, *shape))
+    s = planck(w, 290.0)[:, None, None] * np.ones((1, *shape))
     cube = HeatCube(s, w, None, 0.05)
-    environment = Environment(radiance(w, np.array([[280.0]])), w, sky=(0,) if sky else ())
+    environment = Environment(planck(w, np.array([[280.0]])), w, sky=(0,) if sky else ())
 
     def look(surroundings, part, seen, alike):
         assert (surroundings.radiance > 0).all()
@@ -384,7 +384,10 @@ def test_it_must_gain_enough_and_more_than_the_other_kind():
     nothing = of(3.0, 0.0, residual=1.7)
     assert as_stated(nothing) == (6.8, 1.7) and nothing.gain == 1
     # which may put all pixels off together, by more than one pixel's noise
-    assert doubt_k(nothing, HeatCube(np.full((2, 1, 1), 8.0), W[:2], None, 0.05 * 6.8)) > 0.05 * 6.8
+    assert (
+        shared_error_k(nothing, HeatCube(np.full((2, 1, 1), 8.0), W[:2], None, 0.05 * 6.8))
+        > 0.05 * 6.8
+    )
     assert as_stated(of(0.0, 0.0, residual=1.6)) == (6.4, 1.6)
     assert of(0.0, 0.0, residual=1.25) == RIGHT  # of 12 bands
     assert of(0.0, 0.0, residual=0.9) == RIGHT
@@ -411,7 +414,7 @@ def test_the_noise_rises_without_a_step(residual, more):
     assert 1 <= less.noise <= much.noise < less.noise * 1.1
     assert 1 <= less.misfit and (less.noise > 1 or less == RIGHT)
     s = np.full((2, 1, 1), 8.0)
-    doubt = [doubt_k(c, HeatCube(s, W[:2], None, 0.05 * c.noise)) for c in (less, much)]
+    doubt = [shared_error_k(c, HeatCube(s, W[:2], None, 0.05 * c.noise)) for c in (less, much)]
     assert 0 <= doubt[0] <= doubt[1] < doubt[0] + 0.05 * 1.1
 
 

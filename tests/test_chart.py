@@ -84,7 +84,7 @@ def test_the_sky_that_the_separations_are_told_lights_what_is_open_to_it(traced)
     assert open_.sum() > 100
     x = truth.texture[:, open_].mean(axis=1)
     closed = 1 - truth.sky_view[open_].mean()
-    ground = scene.planck.radiance(truth.temperature_k[open_].max())
+    ground = scene.law.radiance(truth.temperature_k[open_].max())
     # tilted surfaces see more of the warm horizon
     assert (x > 0.9 * scene.sky).all() and (x < scene.sky + (closed + 0.1) * ground).all()
 
@@ -97,7 +97,7 @@ def test_a_separation_is_told_the_sky_and_what_it_says_of_x_obeys_eq_1(traced):
     assert (answer.material[~sky] != scene.library.sky_index).all()
     y, x = np.argwhere(~sky)[17]
     e = scene.curves[answer.material[y, x]]
-    s = e * scene.planck.radiance(answer.temperature_k[y, x]) + (1 - e) * answer.texture[:, y, x]
+    s = e * scene.law.radiance(answer.temperature_k[y, x]) + (1 - e) * answer.texture[:, y, x]
     np.testing.assert_allclose(s, scene.cube.radiance[:, y, x], rtol=1e-5)
 
 

@@ -14,7 +14,7 @@ from traced import traced
 
 import texnet.cli
 from physics import HeatCube, MaterialLibrary
-from physics.planck import radiance
+from physics.planck import planck
 from physics.simulator.sensor import add_noise
 from physics.truth import Truth
 from texnet.cli import main
@@ -593,7 +593,7 @@ def test_json_of_editors_that_mark_it_as_utf_8(capfd, tmp_path):
 def test_the_range_that_is_advised_is_one_that_the_library_covers(capfd, tmp_path):
     """Though a band reaches beyond it whose centre is within."""
     w = np.linspace(7.32, 14.2, 36)
-    s = np.broadcast_to(radiance(w, 290.0)[:, None, None], (36, 8, 9))
+    s = np.broadcast_to(planck(w, 290.0)[:, None, None], (36, 8, 9))
     wide, part = tmp_path / "wide.npz", tmp_path / "part.npz"
     write_cube(HeatCube(s, w, np.full(36, w[1] - w[0]), 0.05), wide)
     out = ["--out", tmp_path / "out", "--method", "local", "--k", 1]

@@ -14,7 +14,7 @@ from scipy.io import savemat
 from physics import InputError
 from physics.cube.heat_cube import HeatCube
 from physics.machinery import scratch
-from physics.planck import brightness_temperature, radiance
+from physics.planck import brightness_temperature, planck
 from texnet.cli import main
 from texnet.files import raw_cube
 from texnet.files.cube_import import import_cube
@@ -28,7 +28,7 @@ ANY = settings(
 NU = np.linspace(720.0, 1250.0, 6)  # cm-1, ascending, so um descending
 W = 1e4 / NU
 T = np.array([[[280.0, 285.0, 290.0, 295.0], [300.0, 250.0, 310.0, 260.0]]])  # K, 2 x 4 pixels
-S = radiance(W[:, None, None], T)  # (6, 2, 4) W m-2 sr-1 um-1, bands in descending um
+S = planck(W[:, None, None], T)  # (6, 2, 4) W m-2 sr-1 um-1, bands in descending um
 PER_CM1 = S * W[:, None, None] ** 2 / 1e4
 TYPES = {1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8"}
 FLAGS = ["--unit", "W/m2/sr/um"]
@@ -150,13 +150,28 @@ def test_every_unit_of_bands(tmp_path, words, centre):
     check_same(import_cube(path, "W/m2/sr/um")[0])
 
 
-@pytest.mark.parametrize("words", [None, "", "Unknown", "unknown"])
+@pytest.mark.parametrize("words", [None, "", "Unknown", "Inverse Centimetres", "<unspecified>"])
 @pytest.mark.parametrize("axis, centre", [("um", W), ("nm", 1e3 * W), ("cm-1", NU)])
 def test_bands_of_a_thermal_camera_tell_their_unit(tmp_path, words, axis, centre):
     path = envi(tmp_path / "a", S, wavelength=centre, wavelength_units=words)
     cube, note = import_cube(path, "W/m2/sr/um")
     check_same(cube)
-    assert f"wavelengths taken to be in {axis}, since their unit is not stated" in note
+    why = f"{words.lower()!r} is no unit that is known" if words else "their unit is missing"
+    assert f"wavelengths taken to be in {axis}, since {why}" in note
+
+
+def test_a_bad_bands_wavelength_may_be_anything(tmp_path):
+    bbl, w = np.array([0, 1, 1, 1, 1, 1]), W.copy()
+    w[0] = 0.0
+    path = envi(tmp_path / "a", S, wavelength=w, wavelength_units=None, bbl=bbl)
+    check_same(import_cube(path, "W/m2/sr/um")[0], S[1:], W[1:])
+
+
+def test_widths_in_another_unit_are_asked_about(tmp_path):
+    for width, said in ((0.1, True), (100.0, False)):
+        nm = dict(wavelength=1e3 * W, wavelength_units="Nanometers", fwhm=np.full(6, width))
+        note = import_cube(envi(tmp_path / "a", S, **nm), "W/m2/sr/um")[1]
+        assert ("are their widths in the unit of the wavelengths?" in note) == said
 
 
 def test_widths_by_hand(tmp_path):
@@ -361,7 +376,7 @@ def test_planck_in_any_unit_gives_its_temperature_back(tmp_path, unit):
     nu = 100 * NU[:, None, None]  # m-1
     per_m1 = 2 * h * c**2 * nu**3 / np.expm1(h * c * nu / (k * T))  # W m-2 sr-1 per m-1
     area = 1e-4 if "/cm2" in unit else 1.0
-    prefix = {"W": 1.0, "mW": 1e3, "uW": 1e6, "microflick": 1e4}[unit.split("/")[0]]
+    prefix = {"W": 1.0, "mW": 1e3, "uW": 1e6, "nW": 1e9, "microflick": 1e4}[unit.split("/")[0]]
     if unit == "microflick":
         area = 1e-2  # 1 W m-2 is 100 uW cm-2
     per_length = 1e-9 if unit.endswith("/nm") else 1e-6  # m
@@ -457,6 +472,27 @@ def test_tex1500(tmp_path, in_parts, suffix, first):
     assert "good_band_indices counts from 0" in note and "2 bands left out" in note
 
 
+@pytest.mark.parametrize("suffix", [".mat", ".npz"])
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("mask", [True, False])
+@pytest.mark.parametrize("both", [True, False])
+def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both):
+    good = np.array([0, 1, 3, 5])
+    s = np.tile(S, (1, 4, 4))
+    arrays = {
+        "hsi": s if first else s.transpose(1, 2, 0), "working_wav": W[None, good],
+        "good_bands": np.isin(np.arange(6), good) if mask else good,
+    } | ({"hsi_wav": W} if both else {})  # fmt: skip
+    if suffix == ".mat":
+        mat(tmp_path / "a.mat", **arrays)
+    else:
+        np.savez(tmp_path / "a.npz", **arrays)
+    cube, note = import_cube(tmp_path / f"a{suffix}", "W/m2/sr/um")
+    np.testing.assert_array_equal(cube.wavelength_um, W[good][::-1])
+    np.testing.assert_allclose(cube.radiance[:, :2, :4], S[good][::-1], rtol=1e-6)
+    assert ("is a mask" in note) == mask and ("of these alone" in note) != both
+
+
 def test_indices_that_reach_the_number_of_bands_count_from_1(tmp_path):
     np.savez(tmp_path / "a.npz", cube=S, wav=W, good_bands=[2, 4, 6])
     cube, note = import_cube(tmp_path / "a.npz", "W/m2/sr/um")
@@ -499,7 +535,7 @@ def test_wrong_tex1500_files(tmp_path, capfd, suffix, arrays, sentence):
 @pytest.mark.parametrize("flag, ends", [("wavenumbers_cm1", NU), ("wavelengths_um", W)])
 def test_npy(tmp_path, in_parts, order, flag, ends):
     w = 1e4 / NU if flag == "wavenumbers_cm1" else np.linspace(W[0], W[-1], 6)
-    s = np.tile(radiance(w[:, None, None], T), (1, 4, 2))
+    s = np.tile(planck(w[:, None, None], T), (1, 4, 2))
     np.save(tmp_path / "a.npy", np.asarray(s, ">f8", order=order))
     cube, note = import_cube(tmp_path / "a.npy", "W/m2/sr/um", **{flag: tuple(ends[[0, -1]])})
     check_same(cube, s, w)
@@ -511,7 +547,7 @@ def test_axes_in_another_order_show(tmp_path, axes, right):
     """Narrow pictures of many bands, too: the numbers tell, not the shape."""
     w = np.linspace(8, 14, 30)
     t = 280 + 10 * np.random.default_rng(0).random((9, 6))
-    s = 0.95 * radiance(w[:, None, None], t) + 0.05 * radiance(w[:, None, None], 250.0)
+    s = 0.95 * planck(w[:, None, None], t) + 0.05 * planck(w[:, None, None], 250.0)
     np.save(tmp_path / "a.npy", s.transpose(axes))
     cube, note = import_cube(tmp_path / "a.npy", "W/m2/sr/um", wavelengths_um=(8, 14))
     assert cube.bands == s.transpose(axes).shape[0]
@@ -604,11 +640,11 @@ def test_a_part_of_a_heat_cube_keeps_its_widths_and_its_noise(tmp_path, suffix):
 
 
 def test_one_band_has_one_centre(tmp_path, capfd):
-    np.save(tmp_path / "a.npy", radiance(11.0, T))
+    np.save(tmp_path / "a.npy", planck(11.0, T))
     words = tmp_path / "a.npy", "--out", tmp_path / "b.npz", *FLAGS, "--wavelengths"
     assert "give its centre twice" in refused(capfd, *words, "8:14")
     assert main([str(word) for word in ("import", *words, "11:11")]) == 0
-    np.testing.assert_allclose(read_cube(tmp_path / "b.npz").radiance, radiance(11.0, T), 1e-6)
+    np.testing.assert_allclose(read_cube(tmp_path / "b.npz").radiance, planck(11.0, T), 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -647,7 +683,7 @@ def test_the_command_writes_what_decompose_reads(tmp_path, capfd, suffix):
 def test_an_array_of_our_own_names_is_a_heat_cube(tmp_path):
     """As the README makes one, which decompose takes as it is: whatever its sizes."""
     w = np.linspace(8.0, 14.0, 5)
-    s = radiance(w[:, None, None], np.linspace(285.0, 300.0, 15).reshape(3, 5))
+    s = planck(w[:, None, None], np.linspace(285.0, 300.0, 15).reshape(3, 5))
     np.savez(tmp_path / "mine.npz", radiance=s, wavelength_um=w)
     cube, _ = import_cube(tmp_path / "mine.npz", rows=slice(1, 3))
     np.testing.assert_allclose(cube.radiance, s[:, 1:], rtol=1e-6)
@@ -655,7 +691,7 @@ def test_an_array_of_our_own_names_is_a_heat_cube(tmp_path):
         import_cube(tmp_path / "mine.npz", "microflick")  # somebody else's, of either order
 
 
-@pytest.mark.parametrize("key", ["data units", "units"])
+@pytest.mark.parametrize("key", ["data units", "radiance data units", "units"])
 def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
     path = envi(tmp_path / "a", 100 * S, **{key.replace(" ", "_"): "Microflick"})
     check_same(import_cube(path)[0])
@@ -668,8 +704,14 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
         import_cube(envi(tmp_path / "a", S))
 
 
-@pytest.mark.parametrize("said", ["uW/(cm^2*sr*nm)", "\u00b5W/cm2/sr/nm", "mW/(cm^2 * sr * um)"])
-def test_a_unit_may_be_written_with_times_below_the_line(tmp_path, said):
+@pytest.mark.parametrize(
+    "said",
+    [
+        "uW/(cm^2*sr*nm)", "\u00b5W/cm2/sr/nm", "mW/(cm^2 * sr * um)", "mW cm^-2 sr^-1 um^-1",
+        "uW.cm-2.sr-1.nm-1", "{uW cm-2 sr-1 nm-1}",
+    ],
+)  # fmt: skip
+def test_a_unit_may_be_written_with_times_and_powers(tmp_path, said):
     check_same(import_cube(envi(tmp_path / "a", S / 10, data_units=said))[0])
     with pytest.raises(InputError, match="give --unit"):  # nothing is below that line
         import_cube(envi(tmp_path / "a", S / 10, data_units="uW*cm^2/sr/um"))

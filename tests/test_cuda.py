@@ -16,7 +16,7 @@ from traced import traced as traced_cube
 from physics.eq1 import physics_loss
 from physics.evidence import evidence, hypotheses
 from physics.library import MaterialLibrary
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.refinement import blocks, refine
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
@@ -45,8 +45,8 @@ def test_equation_1_has_its_gradients():
     w = np.linspace(8.5, 13.5, 5)
     of = lambda a: torch.tensor(a, dtype=torch.float64, device="cuda", requires_grad=True)
     x = [of([285.0, 301.0]), of(np.full((2, 5), 0.8)), of([[0.3, 0.7], [0.9, 0.1]])]
-    x.append(of(radiance(w, np.array([[250.0], [295.0]]))))
-    measured, w = of(radiance(w, np.array([[280.0], [300.0]]))).detach(), of(w).detach()
+    x.append(of(planck(w, np.array([[250.0], [295.0]]))))
+    measured, w = of(planck(w, np.array([[280.0], [300.0]]))).detach(), of(w).detach()
     sigma = noise_sigma(w, 0.5)
     assert torch.autograd.gradcheck(lambda *x: physics_loss(measured, *x, w, sigma), x)
 

@@ -10,7 +10,7 @@ from physics import HeatCube
 from physics.cube.bad_bands import NO_RADIANCE, without_bad_bands
 from physics.cube.dead_pixels import FEW, gaps, lifted
 from physics.errors import InputError
-from physics.planck import radiance
+from physics.planck import planck
 from texnet.cli import main
 from texnet.files.cube_io import read_cube, write_cube
 from texnet.pipeline import decompose
@@ -22,7 +22,7 @@ VALUES = st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 65535.0])
 
 def a_cube(shape, seed=0):
     """(bands, height, width) of a scene in which no two pixels are alike."""
-    return radiance(W[:, None, None], np.random.default_rng(seed).uniform(280, 300, shape))
+    return planck(W[:, None, None], np.random.default_rng(seed).uniform(280, 300, shape))
 
 
 def with_dead(cube, share):
@@ -196,7 +196,7 @@ def test_nothing_is_learnt_from_copies():
     height, width = cube.shape
     s = np.zeros((cube.bands, height, 4 * width), np.float32)
     s[:, :, :width] = cube.radiance
-    s[:, :, width - 1] = radiance(cube.wavelength_um, 350.0)[:, None]
+    s[:, :, width - 1] = planck(cube.wavelength_um, 350.0)[:, None]
     wide = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     alone = HeatCube(s[:, :, :width], cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     there, plain = (decompose(c, k=3) for c in (wide, alone))

@@ -10,7 +10,7 @@ import texnet.budget
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, means_of_samples, quadrature
 from physics.eq1 import render
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.sky import Atmosphere, sky_radiance
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
@@ -23,7 +23,7 @@ FINE = np.arange(7.9, 14.1, 0.01)
 
 def shine(w):
     """(2, n) of a dry sky and of the ground around, W m-2 sr-1 um-1."""
-    return np.stack([sky_radiance(w, [0.6], Atmosphere(280.0, 0.8))[0], radiance(w, 290.0)])
+    return np.stack([sky_radiance(w, [0.6], Atmosphere(280.0, 0.8))[0], planck(w, 290.0)])
 
 
 def flat_cube(shape=(40, 30)):
@@ -127,7 +127,7 @@ def test_the_order_of_columns_is_that_of_the_objects(capfd, files):
 
 
 def test_an_environment_that_is_wrong_is_said_to_be(capfd, files):
-    cold = np.stack([shine(FINE)[0], radiance(FINE, 250.0)])
+    cold = np.stack([shine(FINE)[0], planck(FINE, 250.0)])
     file = table(files / "cold.csv", values=cold)
     out, said, _ = decompose(capfd, files, "--method", "local", "--environment", file)
     assert said["environment"]["error_k"] == 30.0 and "Environment  likely 30 K off" in out
@@ -288,8 +288,8 @@ def test_wrong_units(capfd, files, change, sentence):
 def test_a_dry_sky_alone_may_be_far_colder_than_the_scene():
     """Where no band is opaque, it is, by more than what is no sky may be."""
     w = np.linspace(10.0, 12.5, 6)
-    cube = HeatCube(np.broadcast_to(radiance(w, 315.0)[:, None, None], (6, 8, 9)), w, netd_k=0.05)
-    cold = radiance(w, np.array([[200.0]]))
+    cube = HeatCube(np.broadcast_to(planck(w, 315.0)[:, None, None], (6, 8, 9)), w, netd_k=0.05)
+    cold = planck(w, np.array([[200.0]]))
     Environment(cold, w, sky=(0,)).check(cube)
     for wrong in (Environment(cold, w), Environment(cold / 1000, w, sky=(0,))):
         with pytest.raises(InputError, match="and colder"):
@@ -303,7 +303,7 @@ def test_wrong_places_and_options(capfd, files):
     assert "no table in UTF-8" in refused(capfd, files, "--environment", files / "cube.npz")
     assert "leave out --k" in refused(capfd, files, "--environment", fine, "--k", "auto")
     assert "leave out --k" in refused(capfd, files, "--environment", fine, "--k", 3)
-    many = [radiance(FINE, t) for t in np.linspace(250, 300, 14)]
+    many = [planck(FINE, t) for t in np.linspace(250, 300, 14)]
     many = table(files / "many.csv", values=many, names=[f"o{i}" for i in range(14)])
     assert "takes 13 objects, got 14" in refused(
         capfd, files, "--environment", many, "--method", "net+sgd"

@@ -8,7 +8,7 @@ from physics.bands import quadrature
 from physics.contrast import contrast_terms
 from physics.eq1 import physics_loss, render
 from physics.errors import InputError
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 
 W = np.linspace(8, 14, 9)
 RNG = np.random.default_rng(1)
@@ -18,14 +18,14 @@ def scene(*shape, k=3):
     t = RNG.uniform(270, 310, shape)
     e = RNG.uniform(0.1, 0.99, (*shape, W.size))
     v = RNG.dirichlet(np.ones(k), shape)
-    env = radiance(W, RNG.uniform(240, 320, (k, 1)))
+    env = planck(W, RNG.uniform(240, 320, (k, 1)))
     return t, e, v, env
 
 
 def test_black_surface_shows_only_its_glow():
     t, e, v, env = scene(4, 5)
     s, _ = render(t, np.ones_like(e), v, env, W)
-    np.testing.assert_allclose(s, radiance(W, t[..., None]), rtol=1e-12)
+    np.testing.assert_allclose(s, planck(W, t[..., None]), rtol=1e-12)
 
 
 def test_mirror_shows_only_its_surroundings():
@@ -37,8 +37,8 @@ def test_mirror_shows_only_its_surroundings():
 def test_isothermal_enclosure_hides_every_emissivity():
     _, e, v, _ = scene(50)
     t = np.full(50, 295.0)
-    env = np.tile(radiance(W, 295.0), (3, 1))
-    np.testing.assert_allclose(render(t, e, v, env, W)[0], radiance(W, t[:, None]), rtol=1e-12)
+    env = np.tile(planck(W, 295.0), (3, 1))
+    np.testing.assert_allclose(render(t, e, v, env, W)[0], planck(W, t[:, None]), rtol=1e-12)
 
 
 def test_one_hot_lighting_picks_that_object():
@@ -66,7 +66,7 @@ def test_a_wide_band_is_the_mean_of_narrow_ones():
     np.testing.assert_allclose(s, narrow.reshape(4, 3, 16).mean(-1), rtol=1e-12)
     np.testing.assert_array_equal(x, render(t, e.mean(-1), v, env, nodes.mean(-1))[1])
     # a grey band's glow at its centre is colder than the band's by many times the noise
-    glow = radiance(nodes, 300.0).mean(-1) - radiance(nodes.mean(-1), 300.0)
+    glow = planck(nodes, 300.0).mean(-1) - planck(nodes.mean(-1), 300.0)
     assert np.abs(glow / noise_sigma(nodes.mean(-1), 0.05)).max() > 3
 
 
@@ -106,8 +106,8 @@ def test_eq7_terms_add_up_to_the_gradient_of_s():
     for step in (1e-3, 1e-4):  # first order: the remainder falls as the square
         t = 290 + 30 * step * (x + y**2)
         e = np.stack([0.9 + step * np.sin(3 * x + b) for b in range(W.size)])
-        texture = radiance(W, 280.0)[:, None, None] * (1 + 10 * step * x * y)
-        s = e * radiance(W[:, None, None], t) + (1 - e) * texture
+        texture = planck(W, 280.0)[:, None, None] * (1 + 10 * step * x * y)
+        s = e * planck(W[:, None, None], t) + (1 - e) * texture
         terms = contrast_terms(t, e, texture, W)
         left = np.stack(np.gradient(s, axis=(1, 2))) - sum(terms.values())
         assert np.abs(left).max() < 50 * step**2

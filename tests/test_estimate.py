@@ -12,7 +12,7 @@ from physics.bands import equidistant_bands, quadrature
 from physics.estimate import Sample, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.sky import Atmosphere, sky_radiance
 from texnet.pipeline import decompose
 
@@ -113,7 +113,7 @@ def test_the_sky_is_found_through_wide_filters_with_a_strong_line_in_them(centre
     s = np.empty((1200, 3))
     for band, fine in enumerate(quadrature(centre, width)):
         s[:600, band] = sky_radiance(fine, height, Atmosphere(295.0, 3.0)).mean(axis=1)
-        s[600:, band] = grey * radiance(fine, warm).mean(axis=1)
+        s[600:, band] = grey * planck(fine, warm).mean(axis=1)
     s += noise_sigma(centre, 0.025) * rng.normal(size=s.shape)
     cube = HeatCube(s.T.reshape(3, 40, 30), centre, width, 0.025)
     e = estimate_environment(cube, LIBRARY)
@@ -132,7 +132,7 @@ def low_sky(atmosphere, low, high):
     s = np.empty((1200, len(w)))
     for band, fine in enumerate(quadrature(w, fwhm)):
         s[:300, band] = sky_radiance(fine, height, atmosphere).mean(axis=1)
-        s[300:, band] = grey * radiance(fine, warm).mean(axis=1)
+        s[300:, band] = grey * planck(fine, warm).mean(axis=1)
     s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
     return HeatCube(s.T.reshape(len(w), 40, 30), w, fwhm, 0.05)
 
@@ -148,7 +148,7 @@ def test_a_humid_sky_low_above_the_horizon_is_found(water_cm, low, high):
     assert e.sky
     np.testing.assert_allclose(e.sky_mean, cube.spectra[:300].mean(axis=0), rtol=0.05)
     wall = np.random.default_rng(1).normal(0, cube.sigma, (10, 30, cube.bands)).T.swapaxes(1, 2)
-    wall += radiance(cube.wavelength_um, 298.0)[:, None, None]
+    wall += planck(cube.wavelength_um, 298.0)[:, None, None]
     scene = np.concatenate([wall, cube.radiance[:, 10:]], axis=1)
     assert not estimate_environment(replace(cube, radiance=scene), LIBRARY).sky
 
@@ -181,7 +181,7 @@ def test_a_facade_is_no_sky(name, bands):
     for material in [name, "grass"]:
         e = LIBRARY.subset([material]).at(nodes.ravel())[0].reshape(nodes.shape)
         t_k = rng.normal(295, 3, (600, 1, 1))
-        s.append((e * radiance(nodes, t_k) + (1 - e) * x).mean(axis=2))
+        s.append((e * planck(nodes, t_k) + (1 - e) * x).mean(axis=2))
     s = np.concatenate(s) + noise_sigma(w, 0.05) * rng.normal(size=(1200, bands))
     cube = HeatCube(s.T.reshape(bands, 40, 30), w, fwhm, 0.05)
     assert not estimate_environment(cube, LIBRARY).sky
@@ -272,7 +272,7 @@ def test_as_many_objects_as_asked(name, k):
     distance = noise_units(e.radiance, e.radiance, cube) + 1e9 * np.eye(k)
     assert distance.min() > 1  # no object twice
     seen_k = brightness_temperature(cube.wavelength_um, cube.spectra).mean(axis=1)
-    hottest = radiance(cube.wavelength_um, seen_k.max() + 20)
+    hottest = planck(cube.wavelength_um, seen_k.max() + 20)
     assert (e.radiance < hottest).all()
 
 
@@ -343,7 +343,7 @@ class Distilled:
     def __init__(self, sky=(0, 1), spread=None, off=None, netd=0.05, noise=False):
         rng = np.random.default_rng(0)
         self.w = w = np.linspace(8.2, 13.8, 20)
-        s = np.stack([0.4 * radiance(w, 250.0), 0.6 * radiance(w, 265.0), radiance(w, 288.0)])
+        s = np.stack([0.4 * planck(w, 250.0), 0.6 * planck(w, 265.0), planck(w, 288.0)])
         self.environment = Environment(s, w, sky, spread)
         self.library = LIBRARY.subset(["grass", "aluminium", "sky"])
         cube = HeatCube(np.broadcast_to(s[2][:, None, None], (20, 4, 5)), w, netd_k=netd)
@@ -357,7 +357,7 @@ class Distilled:
         self.v = rng.dirichlet(np.ones(3), 20)
         self.texture = self.v @ s + (0 if off is None else off)
         e = self.model.emissivity[self.row]
-        self.spectra = e * radiance(w, self.t[:, None]) + (1 - e) * self.texture
+        self.spectra = e * planck(w, self.t[:, None]) + (1 - e) * self.texture
         if noise:
             self.spectra = self.spectra + rng.normal(size=(20, 20)) * noise_sigma(w, netd)
 
@@ -406,7 +406,7 @@ def test_without_sky_the_residual_is_the_texture():
 def test_true_surroundings_off_the_spectra_return_to_the_texture():
     """A deviation along `spread` is put back into X where the pixel reflects enough to see it."""
     w = np.linspace(8.2, 13.8, 20)
-    direction = 0.1 * radiance(w, 288.0) * np.sin(2 * w)
+    direction = 0.1 * planck(w, 288.0) * np.sin(2 * w)
     d = Distilled(spread=direction[None], off=direction)
     texture, _, residual = d()
     mirrors = slice(10, 20)

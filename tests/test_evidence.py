@@ -32,7 +32,7 @@ from physics.evidence import (
     hypotheses,
 )
 from physics.known import known_arrays
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 
 FWHM_UM = 0.2
 
@@ -51,16 +51,16 @@ def curves(materials, depth, sky, seed):
 
 def surroundings(w, k, rich, sky):
     """A cold object and warm ones; rich: with every kind of deviation."""
-    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * radiance(w, 285.0)
-    warm = [radiance(w, t) * (1 + 0.01 * np.sin(i + w)) for i, t in
+    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
+    warm = [planck(w, t) * (1 + 0.01 * np.sin(i + w)) for i, t in
             enumerate(np.linspace(280, 310, k - 1))]  # fmt: skip
     more = {}
     if rich:
-        more["spread"] = np.stack([0.02 * radiance(w, 290.0) * np.sin(w), 0.01 * cold])
+        more["spread"] = np.stack([0.02 * planck(w, 290.0) * np.sin(w), 0.01 * cold])
         more["error_k"] = 0.3
     if sky:
         more["sky"] = (0,)
-        more["sky_mean"] = 0.6 * cold + 0.4 * radiance(w, 285.0)
+        more["sky_mean"] = 0.6 * cold + 0.4 * planck(w, 285.0)
         if rich:
             more["skylight_spread"] = 0.03 * cold[None] * np.cos(w)
             more["sky_spread"] = 0.03 * np.stack([cold * np.cos(2 * w), cold])
@@ -95,7 +95,7 @@ class World:
     def render(self, material, temperature, lighting, deviation=0.0):
         """Eq. 1 by band means -> S and X (P, bands)."""
         e = self.library.at(self.nodes.ravel()).reshape(len(self.library), *self.nodes.shape)
-        glow = (e[material] * radiance(self.nodes, temperature[:, None, None])).mean(axis=-1)
+        glow = (e[material] * planck(self.nodes, temperature[:, None, None])).mean(axis=-1)
         texture = lighting @ self.environment.radiance + deviation
         return glow + (1 - e.mean(axis=-1)[material]) * texture, texture
 
@@ -144,7 +144,7 @@ class Dense:
         # Fourier coefficients of B against Hermite polynomials, by brute force
         t = np.linspace(-12, 12, 6001)
         density = np.exp(-0.5 * t * t) / math.sqrt(2 * math.pi) * (t[1] - t[0])
-        b = radiance(x.nodes_um, np.maximum(x.prior_k[0] + x.prior_k[1] * t, 30)[:, None, None])
+        b = planck(x.nodes_um, np.maximum(x.prior_k[0] + x.prior_k[1] * t, 30)[:, None, None])
         he = [hermite_e.hermeval(t, np.eye(6)[n]) / math.sqrt(math.factorial(n)) for n in range(6)]
         series = [np.tensordot(density * he[n], b, 1) for n in range(TERMS + 1)]
         glow = [(1 - alpha) * (nodes_e * c).mean(axis=-1) / x.sigma for c in series]
@@ -176,13 +176,13 @@ class Dense:
         """(bands,) what the first terms of B's series lack at t, in noise units."""
         he = [hermite_e.hermeval(t, np.eye(6)[n]) / math.sqrt(math.factorial(n)) for n in range(6)]
         x = self.known
-        b = radiance(x.nodes_um, x.prior_k[0] + x.prior_k[1] * t) - np.tensordot(he, self.series, 1)
+        b = planck(x.nodes_um, x.prior_k[0] + x.prior_k[1] * t) - np.tensordot(he, self.series, 1)
         return (1 - self.alpha) * (self.nodes_e * b).mean(axis=-1) / x.sigma
 
     def spectrum(self, t, lighting):
         """Eq. 4 with Planck's law itself, in noise units, t in prior deviations."""
         x = self.known
-        b = radiance(x.nodes_um, x.prior_k[0] + x.prior_k[1] * t)
+        b = planck(x.nodes_um, x.prior_k[0] + x.prior_k[1] * t)
         glow = (1 - self.alpha) * (self.nodes_e * b).mean(axis=-1)
         return (glow + self.g * (lighting @ x.environment) + self.alpha * x.sky_mean) / x.sigma
 
@@ -292,7 +292,7 @@ def test_components_have_about_unit_variance(bands):
     mean = np.mean([one.mu for one in dense(known)], axis=0)
     np.testing.assert_allclose(h.centre, mean, rtol=1e-5)
     z = components(h, world.pixels(known))
-    exact = h.look.double().numpy() @ (world.scaled(known).numpy() - mean).T
+    exact = h.projection.double().numpy() @ (world.scaled(known).numpy() - mean).T
     # s and the mean are numbers of 1e3 in float32: 1e-4 each
     np.testing.assert_allclose(z, exact, atol=3e-4)
     assert 0.2 < z.std(dim=1).min() and z.std(dim=1).max() < 1.01 and z.mean(dim=1).abs().max() < 3
@@ -305,7 +305,7 @@ def test_temperature_prior_is_that_of_the_nonlinear_spectrum():
     mean, deviation = known.prior_k.double().tolist()
     n = 200_000
     t = np.random.default_rng(0).normal(size=n)
-    b = radiance(known.nodes_um.double().numpy()[:, 0], mean + deviation * t[:, None])
+    b = planck(known.nodes_um.double().numpy()[:, 0], mean + deviation * t[:, None])
     sampled, ours = np.cov(b.T), series.T @ series
     # of n samples' covariance the relative standard error is sqrt(2 / n), 0.3 %
     np.testing.assert_allclose(ours, sampled, rtol=5 * math.sqrt(2 / n))
@@ -319,7 +319,7 @@ def test_series_of_planck_is_exact_to_a_small_part_of_the_noise(netd):
     t = torch.linspace(-2, 2, 81, dtype=torch.float64)
     h = torch.cat([torch.ones(1, 81, dtype=torch.float64), hermite(t)[0]])
     b = torch.einsum("nt,nbq->tb", h, series) / series.shape[2]
-    exact = radiance(known.nodes_um.double(), (mean + deviation * t)[:, None, None]).mean(-1)
+    exact = planck(known.nodes_um.double(), (mean + deviation * t)[:, None, None]).mean(-1)
     error = ((b - exact) / known.sigma).abs().max()
     # the first term left out, of order 6 of a prior of 15 K: 2e-3 of 50 mK
     assert error < 0.005 * 0.05 / netd
@@ -366,7 +366,7 @@ def test_what_other_unknowns_cost():
         np.testing.assert_allclose(joint(x) - joint(best), ours, rtol=1e-6, atol=1e-6)
         likeliest = (s - one.mu - x @ f_x) @ weight @ f_d.T
         at = torch.from_numpy(x).T - x_hat[r]
-        found = h.to_deviation[r] @ z + h.deviation_0[r][:, None] - h.lean[r] @ at.float()
+        found = h.to_deviation[r] @ z + h.deviation_0[r][:, None] - h.sensitivity[r] @ at.float()
         np.testing.assert_allclose(found.T, likeliest, rtol=1e-5, atol=1e-3)
 
 
@@ -589,7 +589,7 @@ def test_a_sky_pixel_is_sky_and_a_rim_is_partly_sky():
     best = log_p.argmax(dim=0).numpy()
     assert (best >= 6).all()
     assert (best % 6 == world.material).mean() > 0.9
-    np.testing.assert_allclose(h.share, [0, 1, 0, 0, 0, 0, 0.25, 0.75, 0.25, 0.25, 0.25, 0.25])
+    np.testing.assert_allclose(h.sky_share, [0, 1, 0, 0, 0, 0, 0.25, 0.75, 0.25, 0.25, 0.25, 0.25])
 
 
 def test_nothing_is_sky_where_no_sky_is_in_view():

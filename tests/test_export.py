@@ -21,7 +21,7 @@ from physics.eq1 import render
 from physics.evidence import Known
 from physics.expected import Expected
 from physics.known import bytes_per_pixel, known_arrays
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from texnet.chunks import ANSWERED, chunks_of
 from texnet.files.weights import load_network
 from texnet.learned import shipped_network, torch_model
@@ -53,8 +53,8 @@ def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0)
     rng = np.random.default_rng(seed)
     pixels, library = shape[0] * shape[1], small_library(materials, seed)
     w = np.linspace(8.05, 13.95, bands) if bands > 1 else np.array([10.0])
-    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * radiance(w, 285.0)
-    warm = [radiance(w, t) for t in np.linspace(280, 310, k - 1)]
+    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
+    warm = [planck(w, t) for t in np.linspace(280, 310, k - 1)]
     sigma = noise_sigma(w, 0.05)
     rows = [rng.normal(0, 0.02, (d, bands)) for d in spreads]
     environment = Environment(

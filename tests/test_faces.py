@@ -7,7 +7,7 @@ from physics import Environment, HeatCube, MaterialLibrary
 from physics.exact.faces import LANES, lower_bound, solve_on_face, tables, times
 from physics.exact.local import HOPELESS, energy_given, solve_given, solve_local
 from physics.exact.reduced import reduce_model
-from physics.planck import radiance
+from physics.planck import planck
 
 
 @pytest.mark.parametrize("m, n", [(1, 1), (2, 4), (5, 7), (26, 55)])
@@ -138,7 +138,7 @@ def test_a_fire_in_the_picture_does_not_blur_the_rest(make_pixels, hot):
     """The wider the range of T, the longer the series; T near its end is as exact as ever."""
     p = make_pixels(k=3, shape=(8, 9), seed=2)
     s = p.cube.radiance.copy()
-    s[:, 0, 0] = radiance(p.wavelength, hot)
+    s[:, 0, 0] = planck(p.wavelength, hot)
     cube = HeatCube(s, p.wavelength, netd_k=p.cube.netd_k)
     model = reduce_model(cube, p.library, p.environment)
     assert model.terms > 15

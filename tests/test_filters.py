@@ -17,7 +17,7 @@ from physics.filters import (
     filter_range,
     rate_filters,
 )
-from physics.planck import noise_sigma, radiance, radiance_derivative
+from physics.planck import noise_sigma, planck, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 W = np.linspace(7.5, 14.5, 141)
@@ -71,12 +71,12 @@ def test_more_filters_are_never_worse_and_no_design_is_worse_than_filters_side_b
 
 
 def test_black_bodies_are_all_alike_and_their_temperature_is_as_known_as_the_noise_lets_it():
-    one = Scenes(np.array([290.0]), radiance(FINE_UM, 280.0)[None, None], np.ones((1, 1)))
+    one = Scenes(np.array([290.0]), planck(FINE_UM, 280.0)[None, None], np.ones((1, 1)))
     centres = [9.0, 11.0, 13.0]
     found = rate_filters(library(*np.ones((4, W.size))), centres, 0.4, one)
     assert found.material_loss == pytest.approx(np.log(4), rel=1e-12)
     noise = noise_sigma(np.array(centres), NETD_K / 0.4)
-    slope = [radiance_derivative(c + np.linspace(-0.2, 0.2, 401), 290.0).mean() for c in centres]
+    slope = [planck_derivative(c + np.linspace(-0.2, 0.2, 401), 290.0).mean() for c in centres]
     information = ((slope / noise) ** 2).sum() + MIN_TEMPERATURE_SPREAD_K**-2
     assert found.temperature_k == pytest.approx(information**-0.5, rel=1e-4)
     assert found.loss - found.material_loss == pytest.approx(
@@ -85,7 +85,7 @@ def test_black_bodies_are_all_alike_and_their_temperature_is_as_known_as_the_noi
 
 
 def test_where_all_is_as_warm_as_its_only_surroundings_nothing_tells_materials_apart():
-    one = Scenes(np.array([290.0]), radiance(FINE_UM, 290.0)[None, None], np.ones((1, 1)))
+    one = Scenes(np.array([290.0]), planck(FINE_UM, 290.0)[None, None], np.ones((1, 1)))
     found = rate_filters(THREE, *_side_by_side(6), one)
     assert found.material_loss == pytest.approx(np.log(3), rel=1e-9)
 
@@ -93,18 +93,18 @@ def test_where_all_is_as_warm_as_its_only_surroundings_nothing_tells_materials_a
 def test_grey_bodies_of_one_temperature_differ_by_what_the_temperature_cannot_mend():
     """d^2 = r' (I + J P J')^-1 r by dense algebra, one scene, all surroundings one black body."""
     e, t, around = (0.95, 0.9), 300.0, 260.0
-    one = Scenes(np.array([t]), radiance(FINE_UM, around)[None, None], np.ones((1, 1)))
+    one = Scenes(np.array([t]), planck(FINE_UM, around)[None, None], np.ones((1, 1)))
     centres, width = np.array([8.5, 10.0, 11.0, 13.5]), 1.0
     found = rate_filters(library(*(np.full(W.size, x) for x in e)), centres, width, one)
     noise = noise_sigma(centres, NETD_K / width)
     fine = centres[:, None] - 0.45 + 0.1 * np.arange(10)
-    signal = [(x * radiance(fine, t) + (1 - x) * radiance(fine, around)).mean(1) for x in e]
+    signal = [(x * planck(fine, t) + (1 - x) * planck(fine, around)).mean(1) for x in e]
     r = (signal[0] - signal[1]) / noise
     apart = np.zeros((2, 2))
     for other, x in enumerate(e):
         hats = np.maximum(0, 1 - np.abs(fine[..., None] - np.arange(8, 14.5)))
         error = (1 - x) * (hats * noise_sigma(fine, 0.3)[..., None]).mean(1)
-        j = np.column_stack([x * radiance_derivative(fine, t).mean(1) * 15.0, error])
+        j = np.column_stack([x * planck_derivative(fine, t).mean(1) * 15.0, error])
         j = j / noise[:, None]
         apart[1 - other, other] = r @ np.linalg.solve(np.eye(4) + j @ j.T, r)
     assert found.material_loss == pytest.approx(

@@ -9,10 +9,10 @@ from traced import names_of, traced
 
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
-from physics.cube.hot import far_hotter, parted, shine
+from physics.cube.hot import far_hotter, split_hot, spread_of_hot
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
-from physics.planck import radiance
+from physics.planck import planck
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from texnet.pipeline import METHODS, decompose
@@ -52,26 +52,26 @@ def test_a_fire_is_no_object_that_lights_the_scene():
     """As one of k it would explain all that is warm, as a mirror of it."""
     cube, truth = fire(36)
     e = estimate_environment(cube, LIBRARY)
-    hottest = radiance(cube.wavelength_um, np.nanmax(np.where(far_hotter(cube), 0, 330.0)))
+    hottest = planck(cube.wavelength_um, np.nanmax(np.where(far_hotter(cube), 0, 330.0)))
     assert (e.radiance < hottest).all()
     burning = cube.radiance[:, far_hotter(cube)].mean(axis=1)
     along = e.spread @ burning / np.linalg.norm(burning) / np.linalg.norm(e.spread, axis=1)
     assert np.abs(along).max() > 0.999
 
 
-def test_without_a_fire_nothing_is_parted():
+def test_without_a_fire_nothing_is_split_off():
     cube = traced("forest")[0]
-    cold, hot, alone = parted(cube)
+    cold, hot, alone = split_hot(cube)
     assert cold is cube and not hot.any() and alone.shape == (cube.bands, 0)
-    assert shine(alone, cube.dead.size).shape == (0, cube.bands)
+    assert spread_of_hot(alone, cube.dead.size).shape == (0, cube.bands)
 
 
 def test_one_wrong_band_makes_no_fire_and_hides_none():
     cube = traced("patterned", 24, (24, 36))[0]
     s = cube.radiance.copy()
-    s[12, 3, 4] = radiance(cube.wavelength_um[12], 420.0)
-    s[:, 7, 8] = radiance(cube.wavelength_um, 900.0)
-    s[12, 7, 8] = radiance(cube.wavelength_um[12], 300.0)
+    s[12, 3, 4] = planck(cube.wavelength_um[12], 420.0)
+    s[:, 7, 8] = planck(cube.wavelength_um, 900.0)
+    s[12, 7, 8] = planck(cube.wavelength_um[12], 300.0)
     hot = np.argwhere(far_hotter(replace(cube, radiance=s)))
     np.testing.assert_array_equal(hot, [[7, 8]])
 
@@ -79,7 +79,7 @@ def test_one_wrong_band_makes_no_fire_and_hides_none():
 def test_the_sky_is_found_above_a_foreground_that_burns():
     cube = traced("forest")[0]
     s, top = cube.radiance.copy(), int(0.6 * cube.shape[0])
-    s[:, top:] = radiance(cube.wavelength_um[:, None, None], 600.0)
+    s[:, top:] = planck(cube.wavelength_um[:, None, None], 600.0)
     assert estimate_environment(replace(cube, radiance=s), LIBRARY).sky
 
 
@@ -90,7 +90,7 @@ def test_black_bodies_far_hotter_are_told_by_planck_alone(share):
     rng, s = np.random.default_rng(0), cube.radiance.copy()
     hot = rng.random(cube.shape) < share
     t = rng.uniform(450, 1500, np.count_nonzero(hot))
-    s[:, hot] = radiance(cube.wavelength_um[:, None], t)
+    s[:, hot] = planck(cube.wavelength_um[:, None], t)
     black = MaterialLibrary(("black", "half"), [7.0, 15.0], [[1.0, 1.0], [0.5, 0.5]])
     d = decompose(replace(cube, radiance=s), black, method="local", k=2)
     assert np.array_equal(d.hot, hot)
@@ -101,8 +101,8 @@ def test_black_bodies_far_hotter_are_told_by_planck_alone(share):
 
 def test_the_share_of_the_picture_is_what_a_fire_may_light():
     hot = np.full((3, 4), 100.0)
-    assert shine(hot, 400) == pytest.approx(np.ones((1, 3)))
-    assert shine(hot, 8) == pytest.approx(5 * np.ones((1, 3)))
+    assert spread_of_hot(hot, 400) == pytest.approx(np.ones((1, 3)))
+    assert spread_of_hot(hot, 8) == pytest.approx(5 * np.ones((1, 3)))
 
 
 def test_hot_pixels_are_those_far_above_half_of_the_picture_and_the_sun():
@@ -111,7 +111,7 @@ def test_hot_pixels_are_those_far_above_half_of_the_picture_and_the_sun():
     t[0, :4], t[1, :4], t[2, 0] = 349.0, 352.0, 900.0
     dead = np.zeros(t.shape, bool)
     dead[2, 0] = True
-    cube = HeatCube(radiance(w[:, None, None], t), w, netd_k=0.05, dead=dead)
+    cube = HeatCube(planck(w[:, None, None], t), w, netd_k=0.05, dead=dead)
     assert np.array_equal(far_hotter(cube), t == 352.0)
-    warm = HeatCube(radiance(w[:, None, None], t + 20), w, netd_k=0.05, dead=dead)
+    warm = HeatCube(planck(w[:, None, None], t + 20), w, netd_k=0.05, dead=dead)
     assert np.array_equal(far_hotter(warm), t == 352.0)  # 372 K, 52 above the others; not 369 K

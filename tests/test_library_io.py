@@ -121,8 +121,11 @@ def test_any_order_of_rows_is_the_same_library(tmp_path, first, steps, seed):
     mix = rng.permutation(nu.size)
     path = write_csv(tmp_path / "lib.csv", "wavenumber_cm1", nu[mix], e[:, mix])
     library, _ = import_library(path)
-    np.testing.assert_allclose(library.wavelength_um, 1e4 / nu[::-1], rtol=1e-15)
-    np.testing.assert_array_equal(library.emissivity, e[:, ::-1])
+    w, e = 1e4 / nu[::-1], e[:, ::-1]
+    inside = (w >= 7) & (w <= 15)
+    inside |= np.count_nonzero(inside) < 2
+    np.testing.assert_allclose(library.wavelength_um, w[inside], rtol=1e-15)
+    np.testing.assert_array_equal(library.emissivity, e[:, inside])
 
 
 def test_ten_wavenumbers_by_hand(tmp_path):
@@ -269,7 +272,11 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
         ("a.csv", "wavelength_um,water\n8,wet\n", "line 2"),
         ("a.csv", "wavelength_um,water\n8,inf\n", "line 2"),
         ("a.csv", "wavelength_um,water\n8,0.9\n8,0.8\n", "8 um is there twice"),
-        ("a.csv", "wavelength_um,water\n8,97\n9,98\n", "off by 0.02 at most; divide it by 100"),
+        (
+            "a.csv",
+            "wavelength_um,water\n8,97\n9,98\n",
+            "off by 0.02 at most; divide the file's numbers by 100",
+        ),
         ("a.csv", "wavelength_um,water\n8,1.03\n", "off by 0.02 at most"),
         ("a.csv", "wavelength_um,water\n8000,0.9\n", "looks like nm"),
         ("a.csv", "wavenumber_cm1,water\n8,0.9\n", "10 um is 1000 cm-1"),
@@ -309,8 +316,14 @@ def test_envi_spectral_libraries(tmp_path):
             library, note = import_library(name)
             check_same(library, atol=1e-6)
             assert title.lower() in note
-    percent = envi(tmp_path / "a.sli", 100 * (1 - E), w, "Reflectance (percent)")
-    check_same(import_library(percent)[0], atol=1e-6)
+    for factor in (None, 1, 100):  # which makes a share of it
+        percent = 100 * (1 - E), w, "Reflectance (percent)"
+        path = envi(tmp_path / "a.sli", *percent, reflectance_scale_factor=factor)
+        check_same(import_library(path)[0], atol=1e-6)
+    said = dict(
+        z_plot_titles="{Wavelength [um], Emissivity}", spectra_names="{Sky, Water, Old Brick,}"
+    )
+    check_same(import_library(envi(tmp_path / "a.sli", E, w, None, **said))[0], atol=1e-6)
     ignored = E.copy()
     ignored[0, 3] = -1.1  # which float32 rounds
     library, note = import_library(envi(tmp_path / "a.sli", ignored, w, data_ignore_value=-1.1))
@@ -328,6 +341,7 @@ def test_envi_spectral_libraries(tmp_path):
     "changes, sentence",
     [
         (dict(y_axis_title=None), "does not say whether it holds emissivity or reflectance"),
+        (dict(y_axis_title="Bidirectional Reflectance"), "only from hemispherical reflectance"),
         (dict(y_axis_title="Value"), "write y axis title = Emissivity, or Reflectance"),
         (dict(spectra_names="{a, b}"), "2 spectra names for 3 spectra"),
         (dict(spectra_names=None), "spectra names is missing"),
@@ -336,7 +350,7 @@ def test_envi_spectral_libraries(tmp_path):
         (dict(wavelength_units="Nanometers"), "no two bands in 7-15 um"),
         (dict(file_type="ENVI Standard"), "must be ENVI Spectral Library"),
         (dict(lines=4), "is cut off"),
-        (dict(reflectance_scale_factor=0.01), "divide it by 100 if it is in percent"),
+        (dict(reflectance_scale_factor=0.01), "by 100 if they are in percent"),
         (dict(bands=3, lines=1, spectra_names="{a}"), "bands must be 1"),
     ],
 )
@@ -352,13 +366,26 @@ def test_a_folder_s_spectra_of_another_range_are_left_out_and_named(tmp_path, ca
     folder = tmp_path / "spectra"
     folder.mkdir()
     spectrum(folder / "a.txt", np.linspace(7.5, 14.5, 15), np.linspace(0.8, 0.9, 15))
-    spectrum(folder / "visible.txt", np.array([0.4, 2.5]), np.array([0.9, 0.9]))
+    visible = np.array([0.4, 2.5]), np.array([0.9, 0.9])
+    spectrum(folder / "visible.txt", *visible, Measurement="Bidirectional reflectance")
+    (folder / "README.txt").write_text("Files: from a database\nof 2024\n")
     words = ["library", "import", str(folder), "--out", str(tmp_path / "lib.json")]
     assert main(words) == 0
-    assert "nothing of 7-15 um in visible.txt: left out" in capsys.readouterr().out
+    assert "no spectrum of 7-15 um in README.txt, visible.txt: left out" in capsys.readouterr().out
     assert len(MaterialLibrary.load(tmp_path / "lib.json")) == 1
     (folder / "a.txt").unlink()
     assert main(words) == 2
+
+
+@pytest.mark.parametrize("both", ["directional hemispherical", "hemispherical"])
+def test_what_is_bidirectional_at_shorter_wavelengths_is_known(tmp_path, both):
+    """As of the plants in ECOSTRESS, below 2.5 um."""
+    w, e = np.linspace(7.5, 14.5, 15), np.linspace(0.8, 0.9, 15)
+    measured = f"Bidirectional and {both} reflectance"
+    path = spectrum(tmp_path / "a.txt", w, e, Measurement=measured, X_Units="Wavelength (µm)")
+    np.testing.assert_allclose(import_library(path)[0].emissivity[0], e)
+    path.write_bytes(path.read_text(encoding="iso-8859-1").encode("utf-8-sig"))
+    np.testing.assert_allclose(import_library(path)[0].emissivity[0], e)
 
 
 @pytest.mark.parametrize(
@@ -513,7 +540,19 @@ def test_no_curve_is_drawn_over_a_gap(tmp_path):
         import_library(file)
     for w in (np.arange(6.8, 15), 1e4 / np.arange(400, 4001, 20)):
         path = write_csv(tmp_path / "b.csv", "wavelength_um", w, np.full((3, w.size), 0.9))
-        assert import_library(path)[0].wavelength_um.size == w.size
+        assert import_library(path)[0].wavelength_um.size == ((w >= 7) & (w <= 15)).sum()
+
+
+def test_noise_beyond_the_thermal_infrared_is_no_matter(tmp_path):
+    """As of spectrometers that measure 2.5 to 25 um."""
+    w = np.linspace(2.5, 25, 226)
+    e = np.where((w < 6) | (w > 16), 1.3, 0.9)
+    path = write_csv(tmp_path / "a.csv", "wavelength_um", w, e[None], ["stone"])
+    library, note = import_library(path)
+    assert (library.emissivity == 0.9).all() and "those of 7-15 um taken" in note
+    e[50] = -0.2
+    with pytest.raises(InputError, match="worst at 7.5 um"):
+        import_library(write_csv(path, "wavelength_um", w, e[None], ["stone"]))
 
 
 @pytest.mark.parametrize("change, warning", [(lambda e: 1 - e, "reflectances"), (None, "")])

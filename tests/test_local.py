@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.exact.local import HOPELESS, energy_given, solve_given, solve_local
 from physics.exact.reduced import reduce_model
-from physics.planck import brightness_temperature, radiance, radiance_derivative
+from physics.planck import brightness_temperature, planck, planck_derivative
 
 
 def solve(p):
@@ -23,7 +23,7 @@ def slow_minimum(model, spectrum, material):
 
     def cost(x):
         t, v = model.prior_mean_k + 10 * x[0], x[1:]
-        r = (e * radiance(model.wavelength_um, t) + (1 - e) * (v @ env) - spectrum) / model.sigma
+        r = (e * planck(model.wavelength_um, t) + (1 - e) * (v @ env) - spectrum) / model.sigma
         prior_t = ((t - model.prior_mean_k) / model.prior_sigma_k) ** 2
         return 0.5 * (r @ r + prior_t + 3 * k * ((v - 1 / k) ** 2).sum())
 
@@ -126,15 +126,15 @@ def test_too_few_bands_still_answer_and_say_so(make_pixels, bands, k):
     # an error beyond three of its own sigmas is a false claim of knowledge
     assert (np.abs(t - p.temperature) < 3 * s + 0.05).mean() > 0.95
     if bands == 1 and k > 1:  # one number cannot give T and V: sigma is far above the noise's
-        floor = p.cube.netd_k * radiance_derivative(10.0, 300.0) / radiance_derivative(10.0, 280.0)
+        floor = p.cube.netd_k * planck_derivative(10.0, 300.0) / planck_derivative(10.0, 280.0)
         assert (s > 1.5 * floor).all()
 
 
 def test_mirror_cannot_know_its_temperature():
     w = np.linspace(8, 14, 30)
-    env = Environment(radiance(w, np.array([[270.0], [300.0]])), w)
+    env = Environment(planck(w, np.array([[270.0], [300.0]])), w)
     mirror = MaterialLibrary(["mirror", "black"], w, [np.zeros(30), np.ones(30)])
-    cube = HeatCube(radiance(w, 285.0)[:, None, None] * np.ones((30, 2, 2)), w, netd_k=0.05)
+    cube = HeatCube(planck(w, 285.0)[:, None, None] * np.ones((30, 2, 2)), w, netd_k=0.05)
     model = reduce_model(cube, mirror, env)
     local = solve_local(model, cube.spectra)
     np.testing.assert_allclose(local.sigma_k[:, 0], model.prior_sigma_k, rtol=1e-3)
@@ -145,9 +145,9 @@ def test_mirror_cannot_know_its_temperature():
 def test_evidence_prefers_the_simpler_explanation():
     """A blackbody pixel that a mirror with free V reproduces as well is called black."""
     w = np.linspace(8, 14, 54)
-    env = Environment(radiance(w, np.array([[275.0], [295.0]])), w)
+    env = Environment(planck(w, np.array([[275.0], [295.0]])), w)
     library = MaterialLibrary(["mirror", "black"], w, [np.full(54, 0.02), np.full(54, 0.999)])
-    cube = HeatCube(radiance(w, 295.0)[:, None, None] * np.ones((54, 3, 3)), w, netd_k=0.05)
+    cube = HeatCube(planck(w, 295.0)[:, None, None] * np.ones((54, 3, 3)), w, netd_k=0.05)
     local = solve_local(reduce_model(cube, library, env), cube.spectra)
     assert (local.energy.argmin(axis=1) == 1).all()
 
@@ -168,7 +168,7 @@ def test_energy_at_an_answer_is_what_the_solver_found(pixels):
 def test_material_that_reflects_true_deviations_is_not_punished_for_them(make_pixels):
     """Surroundings off the k spectra along `spread` cost chi^2 unless C_m knows them."""
     p = make_pixels(shape=(20, 20))
-    direction = 0.05 * radiance(p.wavelength, 290.0) * np.sin(p.wavelength)
+    direction = 0.05 * planck(p.wavelength, 290.0) * np.sin(p.wavelength)
     rng = np.random.default_rng(0)
     e = p.library.at(p.wavelength)[p.material]
     off = (1 - e) * rng.normal(size=(len(e), 1)) * direction
@@ -189,7 +189,7 @@ def test_an_environment_that_is_off_as_far_as_is_stated_does_not_deceive(make_pi
     """Objects so much warmer or colder than they are: T is off by more than sigma, unless told."""
     p = make_pixels(shape=(20, 20))
     seen = brightness_temperature(p.wavelength, p.environment.radiance)
-    wrong = replace(p.environment, radiance=radiance(p.wavelength, seen + kelvin))
+    wrong = replace(p.environment, radiance=planck(p.wavelength, seen + kelvin))
     i, error, within = np.arange(len(p.material)), [], []
     for environment in (p.environment, wrong, wrong.off_by(abs(kelvin))):
         found = solve_local(reduce_model(p.cube, p.library, environment), p.cube.spectra)
@@ -204,7 +204,7 @@ def test_an_environment_is_off_by_what_kelvin_are_worth(pixels):
     """`off_by` makes room for objects that are so much warmer, whatever V is."""
     w, s = pixels.wavelength, pixels.environment.radiance
     rows = pixels.environment.off_by(2.0).spread
-    warmer = radiance(w, brightness_temperature(w, s) + 2.0) - s
+    warmer = planck(w, brightness_temperature(w, s) + 2.0) - s
     off = pixels.lighting @ warmer
     left = off - off @ np.linalg.pinv(rows) @ rows
     assert np.abs(left).max() < 0.05 * np.abs(off).max()

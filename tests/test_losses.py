@@ -10,7 +10,7 @@ from test_evidence import World
 from traced import one_thread  # noqa: F401
 
 from physics.evidence import Known
-from physics.planck import radiance
+from physics.planck import planck
 from texnet.network import Prediction
 from training.losses import (
     SKY_VIEW_UNIT,
@@ -81,7 +81,7 @@ def test_supervised_loss_counts_what_it_says():
     # texture in kelvin of 300 K's light, at 300 K
     x = truth.sample.texture.clone()
     w = truth.sample.known.nodes_um.mean(1)[:, None, None]
-    warm = truth.sample._replace(texture=x + radiance(w, 300.5) - radiance(w, 299.5))
+    warm = truth.sample._replace(texture=x + planck(w, 300.5) - planck(w, 299.5))
     assert supervised_loss(truth.right, warm) == pytest.approx(0.5 * TEXTURE_WEIGHT, rel=0.01)
     open_ = truth.sample._replace(sky_view=truth.sample.sky_view - 2 * SKY_VIEW_UNIT)
     assert supervised_loss(truth.right, open_) == pytest.approx(1.5 * SKY_VIEW_WEIGHT, rel=1e-4)

@@ -16,7 +16,7 @@ from traced import one_thread  # noqa: F401
 import texnet.model
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.evidence import Known
-from physics.planck import radiance
+from physics.planck import planck
 from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
 from texnet.learned import torch_model
 from texnet.model import CLOSE_NATS, TeXModel
@@ -35,7 +35,7 @@ def world_of(seed=0, shape=SHAPE, **more):
     return World(seed=seed, shape=shape, **more)
 
 
-def under_a_sky(world, rows=3):
+def sky_is_likelier(world, rows=3):
     """The same cube with a clear sky in its first rows; and which pixels are sky."""
     s, n = world.spectra.copy(), rows * world.shape[1]
     s[:n] = sky_pixels(world, n, np.random.default_rng(9))
@@ -68,7 +68,7 @@ def assert_sound(tex, materials, k, bands, shape):
 @pytest.mark.parametrize("steps", [0, STEPS])
 def test_ground_is_lit_by_the_objects_and_sky_by_nothing(steps):
     world = world_of()
-    cube, sky = under_a_sky(world)
+    cube, sky = sky_is_likelier(world)
     tex = answer(world.known(), cube, steps=steps)
     assert_sound(tex, 6, 3, world.bands, SHAPE)
     assert (tex.material.numpy()[sky] == world.library.sky_index).all()
@@ -157,7 +157,7 @@ def test_refinement_lowers_the_cost_of_what_the_network_proposes():
 
 def test_permuting_library_and_environment_permutes_the_answer():
     world = world_of(seed=4, k=4)
-    cube, _ = under_a_sky(world)
+    cube, _ = sky_is_likelier(world)
     known, net = world.known(), network(4)
     m, j = [3, 0, 5, 1, 4, 2], [2, 0, 3, 1]
     other = known._replace(
@@ -204,8 +204,8 @@ def test_an_isothermal_enclosure_shows_one_temperature_and_no_texture():
     """Everything at 290 K: S = X = B(290 K) whatever the material. T is that, X is that."""
     world = world_of(rich=False, sky=False, material=blocks_of([0, 1, 2, 3, 4, 5]))
     w = world.wavelength
-    inside = Environment(radiance(w, np.array([[289.9], [290.0], [290.1]])), w)
-    clean = np.tile(radiance(world.nodes, 290.0).mean(axis=-1), (len(world.material), 1))
+    inside = Environment(planck(w, np.array([[289.9], [290.0], [290.1]])), w)
+    clean = np.tile(planck(world.nodes, 290.0).mean(axis=-1), (len(world.material), 1))
     s = clean + world.sigma * np.random.default_rng(0).normal(size=clean.shape)
     cube = world.cube_of(s)
     tex = answer(world.known(cube, environment=inside), cube)
@@ -216,7 +216,7 @@ def test_an_isothermal_enclosure_shows_one_temperature_and_no_texture():
     np.testing.assert_allclose(
         tex.texture.reshape(len(w), -1).T,
         clean,
-        atol=0.11 * (radiance(8.0, 291.0) - radiance(8.0, 290.0)) + 0.02,
+        atol=0.11 * (planck(8.0, 291.0) - planck(8.0, 290.0)) + 0.02,
     )
     assert (tex.residual < 1.6).all()
 
@@ -263,7 +263,7 @@ def test_hard_inputs_are_answered_in_numbers(case, steps):
 def test_a_part_is_answered_as_it_is_in_the_whole(inner):
     """What is only looked at is looked at nonetheless."""
     world = world_of()
-    cube, _ = under_a_sky(world)
+    cube, _ = sky_is_likelier(world)
     model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
     whole = model(world.known(), image)
     part = model(world.known(), image, inner=torch.tensor(inner))
@@ -281,7 +281,7 @@ def untrained(known, image, expected=None):
 def test_what_is_expected_counts_among_materials_that_look_alike():
     """Of twins, by Bayes's rule; one as likely as the other where nothing is expected."""
     world = world_of()
-    cube, _ = under_a_sky(world)
+    cube, _ = sky_is_likelier(world)
     twin = world.known()
     twin = twin._replace(emissivity=twin.emissivity.clone())
     twin.emissivity[2] = twin.emissivity[3]
@@ -299,7 +299,7 @@ def test_what_is_expected_counts_among_materials_that_look_alike():
 
 def test_to_expect_all_alike_is_to_expect_nothing():
     world = world_of()
-    cube, _ = under_a_sky(world)
+    cube, _ = sky_is_likelier(world)
     image = torch.from_numpy(cube.radiance.copy())
     plain = untrained(world.known(), image)
     alike = untrained(world.known(), image, torch.full((len(world.library), *SHAPE), -1.5))
@@ -309,7 +309,7 @@ def test_to_expect_all_alike_is_to_expect_nothing():
 
 def test_pixels_answered_in_chunks_are_answered_as_at_once(monkeypatch):
     world = world_of()
-    cube, _ = under_a_sky(world)
+    cube, _ = sky_is_likelier(world)
     model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
     whole = model(world.known(), image)
     monkeypatch.setattr("texnet.model.SEEN", 50)
@@ -321,7 +321,7 @@ def test_pixels_answered_in_chunks_are_answered_as_at_once(monkeypatch):
 def test_hypotheses_that_are_not_refined_could_not_have_caught_up(monkeypatch):
     """Materials so alike, and pixels so mixed with sky, that many are in doubt."""
     world = world_of(depth=(0.05, 0.15), bands=8)
-    cube, sky = under_a_sky(world)
+    cube, sky = sky_is_likelier(world)
     s = cube.radiance.copy()
     s[:, 4:6] = 0.3 * s[:, 4:6] + 0.7 * s[:, :2]  # sky before and behind
     cube = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)

@@ -7,7 +7,7 @@ import pytest
 from traced import traced
 
 from physics import HeatCube, InputError
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator.sensor import add_noise
 
 
@@ -48,7 +48,7 @@ def test_stripes_count_as_noise():
 def black(shape, bands, seed=0):
     """A cube of noise of 0.1 K alone."""
     w = np.linspace(8.5, 13.5, bands)
-    s = np.full((bands, *shape), radiance(w, 290.0)[:, None, None])
+    s = np.full((bands, *shape), planck(w, 290.0)[:, None, None])
     s += noise_sigma(w, 0.1)[:, None, None] * np.random.default_rng(seed).normal(size=s.shape)
     return HeatCube(s, w)
 

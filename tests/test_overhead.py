@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from physics.overhead import AIR_EXCESS_K, growth, overhead
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.sky import Atmosphere, air_mass, sky_radiance, zenith_optical_depth
 
 W = np.linspace(8.05, 13.95, 54)
@@ -16,7 +16,7 @@ AIR_K = 285.0
 
 def by_the_law(rng, b, tau_1, air_masses):
     """Noisy spectra of a sky that is as the law says."""
-    glow = radiance(W, AIR_K)
+    glow = planck(W, AIR_K)
     s = glow * -np.expm1(-tau_1 * air_masses[:, None] ** b)
     return s + NOISE * rng.standard_normal(s.shape)
 
@@ -54,7 +54,7 @@ def test_overhead_is_nearer_a_layered_atmosphere_than_a_law_without_saturation(a
     zenith = np.exp(-zenith_optical_depth(W, Atmosphere()))
     found = overhead(W, sky, NOISE, seen, ratio, zenith)[:, 0]
     assert len(found) == len(AIR_EXCESS_K)
-    glow = radiance(W, brightness_temperature(W, seen).max() + np.array(AIR_EXCESS_K)[:, None])
+    glow = planck(W, brightness_temperature(W, seen).max() + np.array(AIR_EXCESS_K)[:, None])
     plain = glow * (1 - (1 - seen / glow) ** ratio)
     off = lambda s: np.sqrt((((s - true) / NOISE) ** 2).mean(axis=1)).mean()
     assert off(found) < 0.5 * off(plain), (off(found), off(plain))

@@ -17,7 +17,7 @@ from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from physics.bands import equidistant_bands, quadrature
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
-from physics.planck import radiance
+from physics.planck import planck
 from physics.sky import Atmosphere, sky_radiance
 
 COARSE = {
@@ -31,20 +31,20 @@ SKY = downwelling(Atmosphere(), W, FWHM)
 TEMPERATURES = np.array([292.3, 300.0, 317.7, 333.4])  # warmer than the sky in every band
 
 
-def lit(temperature_k, e, sky=SKY, planck=PLANCK):
+def lit(temperature_k, e, sky=SKY, law=PLANCK):
     """Spectra (pixels, bands) of Eq. 1 under a uniform sky."""
-    return e * planck.radiance(temperature_k) + (1 - e) * sky
+    return e * law.radiance(temperature_k) + (1 - e) * sky
 
 
 def test_band_planck_is_the_mean_over_each_band_and_has_an_inverse():
     w, fwhm = equidistant_bands(4)
-    planck = BandPlanck(w, fwhm)
+    law = BandPlanck(w, fwhm)
     fine = w[:, None] + fwhm[:, None] * (np.linspace(0.001, 0.999, 499) - 0.5)
     for t in (211.13, 300.0, 455.55):
-        s = planck.radiance(np.array([t]))
-        np.testing.assert_allclose(s[0], radiance(fine, t).mean(axis=-1), rtol=2e-4)
-        np.testing.assert_allclose(s[0], radiance(quadrature(w, fwhm), t).mean(-1), rtol=5e-6)
-        np.testing.assert_allclose(planck.brightness_temperature(s), t, atol=1e-6)
+        s = law.radiance(np.array([t]))
+        np.testing.assert_allclose(s[0], planck(fine, t).mean(axis=-1), rtol=2e-4)
+        np.testing.assert_allclose(s[0], planck(quadrature(w, fwhm), t).mean(-1), rtol=5e-6)
+        np.testing.assert_allclose(law.brightness_temperature(s), t, atol=1e-6)
 
 
 def test_the_downwelling_sky_lies_between_zenith_and_horizon_and_sums_to_the_irradiance():
@@ -111,9 +111,9 @@ def test_isstes_gives_a_pixel_the_same_answer_in_any_company():
     t=st.floats(150, 500), low=st.floats(0, 1), high=st.floats(0, 1), bands=st.sampled_from([3, 9])
 )
 def test_whatever_a_pixel_is_the_answer_is_finite(method, t, low, high, bands):
-    planck, sky = COARSE[bands]
-    s = lit(np.array([t]), np.linspace(low, high, bands), sky, planck)
-    found, e = method.separate(s, planck, sky)
+    law, sky = COARSE[bands]
+    s = lit(np.array([t]), np.linspace(low, high, bands), sky, law)
+    found, e = method.separate(s, law, sky)
     assert np.isfinite(found).all() and ((e >= 0) & (e <= 1)).all()
 
 

@@ -17,7 +17,7 @@ from physics.bands import quadrature
 from physics.cube.heat_cube import LEAST_NETD_K
 from physics.eq1 import heat_signal, render
 from physics.known import known_arrays
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 from texnet.baselines import baseline_pictures
 from texnet.learned import torch_model
 from texnet.metrics import texture_scores
@@ -156,7 +156,7 @@ def test_the_same_seed_gives_the_same_answer(method):
 def test_a_given_environment_is_used_as_it_is(monkeypatch):
     _, cube = answer("sgd", 5, 9)
     w = cube.wavelength_um
-    given = Environment(radiance(w, np.array([[230.0], [260.0], [289.0]])), w, (0,))
+    given = Environment(planck(w, np.array([[230.0], [260.0], [289.0]])), w, (0,))
 
     def never(*args, **kwargs):
         raise AssertionError("estimated an environment though one was given")
@@ -195,7 +195,7 @@ def test_a_library_that_does_not_reach_is_refused_before_the_work(
     w = np.linspace(low, high, 20)
     names = ["grass", "water", "sky" if sky else "soil"]
     short = MaterialLibrary(names, w, LIBRARY.at(w)[:3])
-    environment = Environment(radiance(cube.wavelength_um, 285.0)[None], cube.wavelength_um)
+    environment = Environment(planck(cube.wavelength_um, 285.0)[None], cube.wavelength_um)
 
     def never(*args, **kwargs):
         raise AssertionError("worked first, complained later")
@@ -209,7 +209,7 @@ def test_a_library_that_does_not_reach_is_refused_before_the_work(
 def test_an_environment_of_other_bands_is_refused(method):
     _, cube = answer("sgd", 5, 9)
     w = np.linspace(8.0, 14.0, 7)
-    other = Environment(radiance(w, np.array([[250.0], [289.0]])), w, (0,))
+    other = Environment(planck(w, np.array([[250.0], [289.0]])), w, (0,))
     try:
         decompose(cube, LIBRARY, method=method, environment=other)
     except InputError as error:
@@ -260,7 +260,7 @@ def test_what_is_all_of_one_temperature_is_unknown(method):
     """Thermal crossover: where all is as warm as its surroundings, S = B(T), whatever e is."""
     w = np.linspace(8, 14, 20)
     noise = noise_sigma(w, 0.05)[:, None, None] * np.random.default_rng(0).normal(size=(20, 24, 32))
-    d = decompose(HeatCube(radiance(w, 290.0)[:, None, None] + noise, w, None, 0.05), method=method)
+    d = decompose(HeatCube(planck(w, 290.0)[:, None, None] + noise, w, None, 0.05), method=method)
     assert d.unknown.mean() > 0.95
     assert np.abs(d.temperature_k - 290).max() < 1
 
@@ -277,7 +277,7 @@ def test_a_fire_does_not_blur_all_else(hot_k):
     is little."""
     d, cube = answer("net+sgd", 5, 24)
     s = cube.radiance.copy()
-    s[:, 3, 3] = radiance(cube.wavelength_um, hot_k)
+    s[:, 3, 3] = planck(cube.wavelength_um, hot_k)
     burning = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     burning = decompose(burning, LIBRARY, k=5)
     same = burning.material == d.material
@@ -293,7 +293,7 @@ def test_what_is_far_hotter_is_solved_apart_and_leaves_the_rest(size, make_pixel
     scene = make_pixels(bands=24, shape=size)
     s = scene.cube.radiance.copy()
     hot = np.random.default_rng(0).permutation(size[0] * size[1])[: size[0] * size[1] // 20]
-    s.reshape(24, -1)[:, hot] = radiance(scene.wavelength, 1200.0)[:, None]
+    s.reshape(24, -1)[:, hot] = planck(scene.wavelength, 1200.0)[:, None]
     cube = HeatCube(s, scene.wavelength, netd_k=0.05)
     d = decompose(cube, scene.library, k=3, environment=scene.environment)
     burns = np.isin(np.arange(size[0] * size[1]), hot).reshape(size)

@@ -6,7 +6,7 @@ import pytest
 from physics import HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
 from physics.estimate import estimate_environment
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.prior import scene_temperatures, usual_temperature
 from physics.sky import Atmosphere, sky_radiance
 
@@ -25,7 +25,7 @@ def test_metal_that_mirrors_a_cold_sky_does_not_make_the_scene_cold(bands):
     for band, fine in enumerate(quadrature(centre, width)):
         s[:600, band] = sky_radiance(fine, low, air).mean(axis=1)
         overhead = sky_radiance(fine, high, air).mean(axis=1)
-        s[600:, band] = METAL * radiance(fine, AIR_K).mean() + (1 - METAL) * overhead
+        s[600:, band] = METAL * planck(fine, AIR_K).mean() + (1 - METAL) * overhead
     s += noise_sigma(centre, 0.05) * rng.normal(size=s.shape)
     cube = HeatCube(s.T.reshape(bands, 40, 30), centre, width, 0.05)
     environment = estimate_environment(cube, MaterialLibrary.starter())
@@ -43,7 +43,7 @@ def test_mirrors_in_the_window_leave_the_scene_as_warm_as_the_rest(bands, metal)
     """No band is opaque, so that each plate looks tens of kelvin colder than it is; the rest of
     the ground is nearly black."""
     w, air, rng = np.linspace(9.0, 12.0, bands), Atmosphere(AIR_K, 1.0), np.random.default_rng(0)
-    black = radiance(w, rng.normal(AIR_K, 2.0, 1200)[:, None])
+    black = planck(w, rng.normal(AIR_K, 2.0, 1200)[:, None])
     overhead = sky_radiance(w, rng.uniform(0.7, 1.0, 1200), air)
     plates = 0.2 * black + 0.8 * overhead
     s = np.where(rng.random(1200)[:, None] < metal, plates, black)
@@ -62,7 +62,7 @@ def test_a_part_that_is_hot_does_not_make_the_scene_hot(hot_k, emissivity):
     w = np.linspace(8.0, 13.0, 6)
     t = np.where(np.arange(1200) % 8 == 0, hot_k, 290.0)
     e = np.where(w == 9.0, emissivity, 1.0)
-    s = e * radiance(w, t[:, None]) + (1 - e) * radiance(w, 230.0)
+    s = e * planck(w, t[:, None]) + (1 - e) * planck(w, 230.0)
     cube = HeatCube(s.T.reshape(6, 40, 30), w, netd_k=0.05)
     environment = estimate_environment(cube, TWO, 2)
     assert usual_temperature(cube, environment) == pytest.approx(290, abs=1)

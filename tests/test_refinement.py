@@ -18,7 +18,7 @@ from physics.evidence import components, evidence, hermite, hypotheses
 from physics.exact.local import solve_given, solve_local
 from physics.exact.reduced import reduce_model
 from physics.known import TERMS
-from physics.planck import radiance, radiance_derivative
+from physics.planck import planck, planck_derivative
 from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, one_hot, refine
 
 
@@ -164,7 +164,7 @@ def test_agrees_with_the_exact_solver(monkeypatch, k):
     world = World(k=k, seed=k, shape=(8, 12), lighting=one_sided(k, 96, k))
     mean = dense(world.known())[0].black
     monkeypatch.setattr(
-        reduced, "radiance", lambda w, t: mean if isinstance(t, float) else radiance(w, t)
+        reduced, "planck", lambda w, t: mean if isinstance(t, float) else planck(w, t)
     )
     model = reduce_model(world.cube, world.library, world.environment)
     zero = np.zeros(len(world.material))
@@ -290,7 +290,7 @@ def test_what_stands_before_the_sky_is_found():
     """A quarter black, three quarters sky: T and sigma by the exact solver's model."""
     world = World(k=3, seed=7, shape=(5, 10))
     sky, e = world.library.sky_index, world.environment
-    s = 0.75 * e.sky_mean + 0.25 * radiance(world.nodes, world.temperature[:, None, None]).mean(-1)
+    s = 0.75 * e.sky_mean + 0.25 * planck(world.nodes, world.temperature[:, None, None]).mean(-1)
     s = s + world.sigma * world.rng.normal(size=s.shape)
     r = (start := Start(world, np.full(50, sky + 6), spectra=s)).refine(STEPS)
     mean, prior = start.known.prior_k.tolist()
@@ -317,7 +317,7 @@ def test_a_black_body_has_the_temperature_of_its_own_light():
     start = Start(world, spectra=world.clean)
     r, (mean, prior) = start.refine(), start.known.prior_k.tolist()
     t = mean + prior * r.t[:, 0]
-    slope = radiance_derivative(world.nodes, world.temperature[:, None, None]).mean(-1)
+    slope = planck_derivative(world.nodes, world.temperature[:, None, None]).mean(-1)
     exact = ((slope / world.sigma) ** 2).sum(axis=1) ** -0.5
     # 1e-4 of the way to the prior's mean, 30 K away, and 0.002 noise units in each band
     assert np.abs(t - world.temperature).max() < 2e-3
@@ -405,7 +405,7 @@ def test_deviations_of_the_surroundings_are_found_where_they_show():
     mean, prior = start.known.prior_k
     t = (torch.as_tensor(world.temperature).float() - mean) / prior
     lighting = torch.as_tensor(world.lighting).float().T
-    hot = one_hot(start.row[0], len(start.h.share))
+    hot = one_hot(start.row[0], len(start.h.sky_share))
     found = deviations(start.h, start.z, start.x_row[:, 0], hot, t, lighting).T
     one = dense(start.known)[0]
     f = one.F[: one.d] / np.sqrt(one.D)

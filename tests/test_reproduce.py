@@ -28,7 +28,7 @@ from benchmarks.reproduce import (
 from benchmarks.reproduce import reproduce as make
 from physics import MaterialLibrary
 from physics.estimate import estimate_environment
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator import Camera, Scene, SceneObject, geometry
 from physics.sky import Atmosphere
 from texnet.metrics import non_sky
@@ -117,7 +117,7 @@ def test_the_sky_fits_a_sky_pixel_best_and_no_fit_by_other_means_is_better(fores
 
         def misfit(x, e=e, seen=cube.radiance[:, r, c]):
             light = x[1] * environment[0] + (1 - x[1]) * environment[1]
-            return (e * radiance(w, x[0]) + (1 - e) * light - seen) / cube.sigma
+            return (e * planck(w, x[0]) + (1 - e) * light - seen) / cube.sigma
 
         fits = [
             least_squares(misfit, (285.0, v), bounds=((100, 0), (400, 1)), x_scale=(1, 0.1))
@@ -196,7 +196,7 @@ def test_what_alone_varies_makes_all_of_the_contrast(part, name):
     if part != "t":
         assert size["higher orders"] < 1e-12
     w = truth.wavelength_um[:, None, None]
-    s = truth.emissivity * radiance(w, truth.temperature_k) + (1 - truth.emissivity) * truth.texture
+    s = truth.emissivity * planck(w, truth.temperature_k) + (1 - truth.emissivity) * truth.texture
     whole = np.stack(np.gradient((1.2 * s).sum(axis=0)))
     assert np.allclose(sum(terms.values()), whole, atol=1e-12)
 

@@ -17,7 +17,7 @@ from benchmarks.reproduce.errors import verdict as verdict_on
 from physics import HeatCube
 from physics.bands import equidistant_bands
 from physics.eq1 import render
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 
 W4, FWHM4 = equidistant_bands(4)
 
@@ -78,7 +78,7 @@ def test_no_unbiased_fit_beats_the_bound(make_pixels):
 
 def test_environments_of_the_paper_are_means_of_pixels():
     rng = np.random.default_rng(0)
-    top, bottom = radiance(W4, 250.0), radiance(W4, 290.0)
+    top, bottom = planck(W4, 250.0), planck(W4, 290.0)
     s = np.where(np.arange(10)[:, None, None] < 5, top, bottom)
     s = s * rng.uniform(0.99, 1.01, (10, 8, 1))
     cube = HeatCube(np.moveaxis(s, 2, 0), W4, FWHM4, 0.05)
@@ -129,7 +129,7 @@ def test_the_best_v_is_what_a_general_minimiser_finds(k):
 def four_bands(t):
     """HeatCube of black bodies whose bands differ by an emissivity; t (height, width) K."""
     e = np.array([0.9, 0.95, 1.0, 0.92])[:, None, None]
-    return HeatCube(e * radiance(W4[:, None, None], t), W4, FWHM4, 0.05)
+    return HeatCube(e * planck(W4[:, None, None], t), W4, FWHM4, 0.05)
 
 
 @pytest.mark.parametrize("way", [mosaic.bilinear, mosaic.edge_aware])

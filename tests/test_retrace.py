@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from physics import InputError, MaterialLibrary
-from physics.planck import radiance
+from physics.planck import planck
 from physics.simulator import Camera, Scene, SceneObject, TracedScene, simulate, trace_scene
 from physics.simulator.sensor import FLOOR_K, Bands
 from physics.simulator.trace import Tracer
@@ -92,7 +92,7 @@ def test_too_bright_a_mirror_leaves_radiance_positive():
     mirror = library(mirror=0.0)
     names = {"soil": "mirror", "paint": "mirror"}
     cube, truth = traced.shade(mirror, W, FWHM, 0, names)
-    floor = radiance(W, FLOOR_K).astype(np.float32)[:, None, None]
+    floor = planck(W, FLOOR_K).astype(np.float32)[:, None, None]
     assert (cube.radiance == floor).any() and (cube.radiance >= floor).all()
     assert (truth.texture >= 0).all()
 
@@ -104,7 +104,7 @@ def test_several_materials_may_stand_for_one():
     cube, truth = traced.shade(SECOND, W, FWHM * 0, 0, {"soil": "clay", "paint": "clay"})
     assert (truth.material == SECOND.index("clay")).all()
     e, x = truth.emissivity, truth.texture
-    s = e * radiance(W[:, None, None], truth.temperature_k) + (1 - e) * x
+    s = e * planck(W[:, None, None], truth.temperature_k) + (1 - e) * x
     np.testing.assert_allclose(cube.radiance, s, rtol=1e-6)
     # Of two kinds, some are, and the majority counts.
     truth = traced.shade(SECOND, W, FWHM, 0, STANDS_FOR)[1]

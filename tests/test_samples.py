@@ -14,7 +14,7 @@ from traced import one_thread  # noqa: F401
 
 import training.samples as samples
 from physics.library import SKY
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from training.samples import MATERIALS, Sample, draw, expected_by
 from training.scenes import Record
 
@@ -31,12 +31,12 @@ def record(seed=0, materials=(0, 1, 3, 5), sky=True):
     view = rng.uniform(0, 1, shape)
     t = rng.uniform(280, 300, shape)
     w = FINE[:, None, None]
-    above = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * radiance(w, 285.0)
-    x = (view * above + (1 - view) * radiance(w, 288.0)).astype(np.float16)
+    above = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
+    x = (view * above + (1 - view) * planck(w, 288.0)).astype(np.float16)
     if sky:
         material[:8], x[:, :8], view[:8], t[:8] = 2, 0, 1, 285
     e = np.broadcast_to(GREY[:, None], (10, 100)).astype(np.float32)
-    s = GREY[material] * radiance(w, t) + (1 - GREY[material]) * x.astype(float)
+    s = GREY[material] * planck(w, t) + (1 - GREY[material]) * x.astype(float)
     s = np.where(material == 2, above, s)
     f = lambda a: a.astype(np.float32)
     return Record(f(s), x, f(t), f(view), f(view), material.astype(np.uint8), e, NAMES, FINE, 0)
@@ -153,7 +153,7 @@ def test_equation_1_holds_up_to_noise_of_the_size_that_is_claimed(monkeypatch):
         e = GREY[RECORD.material][ground][:, None]
         nodes = known.nodes_um.double().numpy()
         t = RECORD.temperature_k[ground].astype(float)
-        glow = radiance(nodes, t[:, None, None]).mean(axis=-1)
+        glow = planck(nodes, t[:, None, None]).mean(axis=-1)
         x = s.texture.double().numpy()[:, ground].T
         rest = s.radiance.double().numpy()[:, ground].T - e * glow - (1 - e) * x
         z, netd = rest / known.sigma.numpy(), known.sigma[0] / noise_sigma(nodes[0].mean(), 1)
@@ -199,7 +199,7 @@ def test_a_crop_is_a_part_of_the_scene_that_is_known_as_a_whole():
 def test_a_glance_lies_where_the_sample_lies(monkeypatch):
     """Seen by one who calls bright the first material and dark the second."""
     t = 280 + np.add(*np.indices((SIZE, SIZE))) / 2.0  # K
-    slope = replace(RECORD, radiance=radiance(FINE[:, None, None], t).astype(np.float32))
+    slope = replace(RECORD, radiance=planck(FINE[:, None, None], t).astype(np.float32))
     seen, steps, without = {}, set(), 0
 
     def by_brightness(network):

@@ -10,7 +10,7 @@ from physics import HeatCube
 from physics.cube.bad_bands import without_bad_bands
 from physics.cube.netd import estimated_netd
 from physics.cube.saturation import saturated
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator.sensor import add_noise
 from texnet.files.cube_io import write_cube
 from texnet.pipeline import decompose
@@ -38,8 +38,8 @@ def test_a_small_hot_target_is_found():
     cube = traced("forest", 54)[0]
     s = cube.radiance.copy()
     rng = np.random.default_rng(0)
-    s[:, 30:34, 30:33] = radiance(cube.wavelength_um[:, None, None], rng.uniform(500, 600, (4, 3)))
-    most = radiance(cube.wavelength_um, 340.0)[:, None, None]
+    s[:, 30:34, 30:33] = planck(cube.wavelength_um[:, None, None], rng.uniform(500, 600, (4, 3)))
+    most = planck(cube.wavelength_um, 340.0)[:, None, None]
     spoilt = HeatCube(np.minimum(s, most), cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     found = saturated(spoilt)
     assert found[30:34, 30:33].all() and found.sum() == 12
@@ -52,7 +52,7 @@ def test_a_camera_of_few_digits_is_not_saturated(seed, bits, spread_k):
     w = np.linspace(8, 14, 5)
     rng = np.random.default_rng(seed)
     t = 290 + spread_k * rng.standard_normal((60, 80))
-    s = radiance(w[:, None, None], t)
+    s = planck(w[:, None, None], t)
     s = s + rng.standard_normal(s.shape) * noise_sigma(w, 0.05)[:, None, None]
     step = 20 / 2**bits
     assert not saturated(HeatCube(np.round(s / step) * step, w, np.zeros(5), 0.05)).any()
@@ -63,7 +63,7 @@ def test_what_has_few_values_is_not_saturated():
     w = np.linspace(8, 14, 5)
     t = np.full((40, 50), 300.0)
     t[:5] = 280.0
-    assert not saturated(HeatCube(radiance(w[:, None, None], t), w, np.zeros(5), 0.05)).any()
+    assert not saturated(HeatCube(planck(w[:, None, None], t), w, np.zeros(5), 0.05)).any()
 
 
 @pytest.mark.parametrize("method", ["local", "net+sgd"])

@@ -19,7 +19,7 @@ from physics.eq1 import render
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
 from physics.exact.semiglobal import Objective, State, smoothed, unsmoothed
-from physics.planck import noise_sigma, radiance, radiance_derivative
+from physics.planck import noise_sigma, planck, planck_derivative
 from physics.prior import V_PRECISION
 
 
@@ -64,15 +64,15 @@ def wavelengths(bands=24):
 def surroundings(k=3, spread=False, sky=False):
     """A cold object, warm ones, and on request all that an Environment can hold."""
     w = wavelengths()
-    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * radiance(w, 285.0)
-    warm = [radiance(w, t) for t in np.linspace(280, 310, k - 1)]
+    cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
+    warm = [planck(w, t) for t in np.linspace(280, 310, k - 1)]
     more = {}
     if spread:
-        more["spread"] = np.stack([0.03 * cold * np.sin(w), 0.02 * radiance(w, 290.0)])
+        more["spread"] = np.stack([0.03 * cold * np.sin(w), 0.02 * planck(w, 290.0)])
         more["error_k"] = 0.4
     if sky:
         more["sky"] = (0,)
-        more["sky_mean"] = 0.5 * (cold + radiance(w, 285.0))
+        more["sky_mean"] = 0.5 * (cold + planck(w, 285.0))
         more["sky_spread"] = 0.04 * more["sky_mean"][None] * np.cos(w)
     return Environment(np.stack([cold, *warm]), w, **more)
 
@@ -218,13 +218,13 @@ def slow_unaries(scene, objective, state):
         c = np.eye(w.size) + np.diag((reflected * environment.error_k / 0.1) ** 2)
         rows = [reflected * d / sigma for d in environment.spread]
         rows += [alpha * d / sigma for d in environment.sky_spread]
-        rows += [share_sigma * (sky_mean - radiance(w, t0)) / sigma]
+        rows += [share_sigma * (sky_mean - planck(w, t0)) / sigma]
         return c + sum(np.outer(u, u) for u in rows)
 
     def occam(e, alpha, c, prior):
         sum_zero = np.linalg.qr(np.c_[np.ones(k), np.eye(k)[:, : k - 1]])[0][:, 1:]
         jacobian = np.c_[
-            (1 - alpha) * e * radiance_derivative(w, t0),
+            (1 - alpha) * e * planck_derivative(w, t0),
             (1 - alpha) * (1 - e)[:, None] * (environment.radiance.T @ sum_zero),
         ] / sigma[:, None]  # fmt: skip
         fisher = jacobian.T @ np.linalg.solve(c, jacobian)
@@ -247,7 +247,7 @@ def slow_unaries(scene, objective, state):
     for p, spectrum in enumerate(cube.spectra.astype(float)):
         e, alpha, share_sigma, prior = hypothesis(p)
         t, v = state.temperature_k[p], state.thermal_lighting[p]
-        ground = e * radiance(w, t) + (1 - e) * (v @ environment.radiance)
+        ground = e * planck(w, t) + (1 - e) * (v @ environment.radiance)
         r = (spectrum - alpha * sky_mean - (1 - alpha) * ground) / sigma
         c = covariance(e, alpha, share_sigma)
         total = 0.5 * r @ np.linalg.solve(c, r) + occam(e, alpha, c, prior)
@@ -551,7 +551,7 @@ def test_progress_is_reported(scene):
 def test_copies_of_pixels_say_nothing_new(times):
     """A resampled picture's edges are those of the original, and between copies there is none."""
     rng = np.random.default_rng(0)
-    s = radiance(np.linspace(8, 14, 5)[:, None, None], rng.uniform(280, 300, (6, 7)))
+    s = planck(np.linspace(8, 14, 5)[:, None, None], rng.uniform(280, 300, (6, 7)))
     sigma, dead = np.full(5, 0.01), np.zeros((6, 7), bool)
     finer = lambda a: a.repeat(times, axis=-2).repeat(times, axis=-1)
     once = semiglobal.edge_weights(s, sigma, dead)

@@ -13,7 +13,7 @@ from scipy import stats
 
 from physics import InputError, MaterialLibrary
 from physics.bands import equidistant_bands
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator import Camera, Scene, SceneObject, Truth, simulate
 from physics.simulator.sensor import FLOOR_K, Bands
 from physics.simulator.shade import Shader, shade
@@ -105,9 +105,7 @@ def test_isothermal_enclosure_glows_as_a_black_body_on_every_path(e, t):
         Camera((2.4, 2, 1), (0, 0, -1)),
     )
     cube, truth = render(scene, library(wall=(e, 0.5), ball=(0.3, e)), spp=4)
-    glow = np.broadcast_to(
-        radiance(BANDS, float(np.float32(t)))[:, None, None], cube.radiance.shape
-    )
+    glow = np.broadcast_to(planck(BANDS, float(np.float32(t)))[:, None, None], cube.radiance.shape)
     np.testing.assert_allclose(cube.radiance, glow, rtol=3e-7)
     np.testing.assert_allclose(truth.texture, glow, rtol=3e-7)
     assert not truth.sky_texture.any() and not truth.sky_view.any()
@@ -126,7 +124,7 @@ def test_parallel_grey_plates():
     scene = Scene([low, high, SceneObject(sides, "low", 301.0, False)],
                   Camera((0, 0, 0.8), (0.5, 0, 0)))  # fmt: skip
     cube, truth = render(scene, lib, size=(30, 40), spp=16)
-    b1, b2 = radiance(BANDS, t1), radiance(BANDS, t2)
+    b1, b2 = planck(BANDS, t1), planck(BANDS, t2)
     # J = e B + (1 - e) J' on both plates; X on one is the J of the other.
     j2 = (e2 * b2 + (1 - e2) * e1 * b1) / (1 - (1 - e1) * (1 - e2))
     assert (truth.material == 0).all()
@@ -145,7 +143,7 @@ def test_grey_sphere_inside_a_grey_sphere():
         Camera((1.9, 0, 0), (0, 0, 0.01), 50),
     )  # fmt: skip
     truth = render(scene, lib, size=(30, 30), spp=16)[1]
-    b1, b2, f = radiance(BANDS, t1), radiance(BANDS, t2), (r1 / r2) ** 2
+    b1, b2, f = planck(BANDS, t1), planck(BANDS, t2), (r1 / r2) ** 2
     # J2 = e2 B2 + (1 - e2) (f J1 + (1 - f) J2),  J1 = e1 B1 + (1 - e1) J2
     j2 = (e2 * b2 + (1 - e2) * f * e1 * b1) / (1 - (1 - e2) * (f * (1 - e1) + 1 - f))
     on = truth.material == 0
@@ -185,7 +183,7 @@ def test_net_exchange_between_two_walls_is_symmetric():
             (fov, size), eye, at = face_on(x, h, 1.5), (0, 0.5, 0), (0, -1.0, 0)
         truth = render(Scene(objects, Camera(eye, at, fov)), lib, size, 64, seed)[1]
         assert (truth.material == lib.index(seen)).all()
-        b = radiance(BANDS, np.array([cold, hot])[:, None])[..., 1]
+        b = planck(BANDS, np.array([cold, hot])[:, None])[..., 1]
         gain = (truth.texture[1] - b[0]) / (b[1] - b[0])
         # Neighbouring pixels share no samples, but differ in expectation; this bounds the error.
         return gain.mean(), gain.std() / np.sqrt(gain.size)
@@ -220,7 +218,7 @@ def test_mirrors_keep_an_isothermal_enclosure_black(share):
     inside = replace(ball("wall", 290.0), mirror=share)
     scene = Scene([walls, inside], Camera((2, 2, 1), (0, 0, 0.5)))
     cube, _ = render(scene, library(wall=(0.1, 0.7)))
-    black = np.broadcast_to(radiance(BANDS, 290.0)[:, None, None], cube.radiance.shape)
+    black = np.broadcast_to(planck(BANDS, 290.0)[:, None, None], cube.radiance.shape)
     np.testing.assert_allclose(cube.radiance, black, rtol=1e-5)
 
 
@@ -233,7 +231,7 @@ def test_a_mirror_shows_the_sky_where_the_ray_goes():
     cube, truth = render(scene, lib, size=(3, 3), spp=4)
     e = lib.at(BANDS)[0]
     sky = sky_radiance(BANDS, np.array([0.5]), scene.atmosphere)[0]
-    expected = e * radiance(BANDS, 280.0) + (1 - e) * sky
+    expected = e * planck(BANDS, 280.0) + (1 - e) * sky
     np.testing.assert_allclose(cube.radiance.mean(axis=(1, 2)), expected, rtol=2e-3)
     np.testing.assert_allclose(truth.texture.mean(axis=(1, 2)), sky, rtol=4e-3)
 
@@ -345,7 +343,7 @@ def naive_sphere_scene(camera, size, spp, lib, atmosphere, seed):
             out = n + out / np.linalg.norm(out, axis=1, keepdims=True)
             out /= np.linalg.norm(out, axis=1, keepdims=True)
             incoming = light(p, out, depth + 1) if depth < 14 else 0.0
-            s[hit] = e * radiance(BANDS, kelvin) + (1 - e) * incoming
+            s[hit] = e * planck(BANDS, kelvin) + (1 - e) * incoming
         return s
 
     forward = np.subtract(camera.target, camera.position)
@@ -419,7 +417,7 @@ def test_tables_of_planck_and_sky_are_finer_than_the_noise():
     shader = Shader.build(at, np.ones((1, 25)), np.ones(1), (230.0, 340.0), air)
     t = np.linspace(230, 340, 5001).astype(np.float32)
     got = shade(one_surface_paths(0, t), shader, 1).radiance
-    exact = radiance(w, t.astype(float)[:, None])
+    exact = planck(w, t.astype(float)[:, None])
     # the table's error and the rounding of a float32 result
     assert (np.abs(got - exact) < 1e-4 * noise_sigma(w, 0.05) + 2e-7 * exact).all()
     mu = (np.linspace(0, 1, 3001) ** 2).astype(np.float32)
@@ -438,7 +436,7 @@ def test_truth_obeys_equation_1():
     cube, truth = render(scene, OUTDOOR)
     e, x = truth.emissivity, truth.texture
     assert (truth.material == 1).all() and (truth.temperature_k == 300).all()
-    s = e * radiance(BANDS[:, None, None], truth.temperature_k) + (1 - e) * x
+    s = e * planck(BANDS[:, None, None], truth.temperature_k) + (1 - e) * x
     np.testing.assert_allclose(cube.radiance, s, rtol=1e-6)
 
 
@@ -449,7 +447,7 @@ def test_sky_pixels_obey_equation_1_without_texture():
     assert sky[0].all() and truth.material_names[OUTDOOR.sky_index] == "sky"
     assert (truth.temperature_k[sky] == 285).all() and (truth.sky_view[sky] == 1).all()
     assert not truth.texture[:, sky].any() and (truth.emissivity[:, sky] <= 1).all()
-    glow = radiance(BANDS[:, None, None], 285.0)
+    glow = planck(BANDS[:, None, None], 285.0)
     np.testing.assert_allclose((truth.emissivity * glow)[:, sky], cube.radiance[:, sky], rtol=1e-6)
     np.testing.assert_allclose(truth.sky_texture[sky], cube.radiance[:, sky].mean(0), rtol=1e-6)
 
@@ -457,7 +455,7 @@ def test_sky_pixels_obey_equation_1_without_texture():
 def test_black_surfaces_show_no_texture():
     scene = Scene([ground(), ball()], Camera((4, 3, 2), (0, 0, 1.2), 8), Atmosphere())
     cube = render(scene, library(soil=0.5, paint=1.0))[0]
-    glow = np.broadcast_to(radiance(BANDS, 300.0)[:, None, None], cube.radiance.shape)
+    glow = np.broadcast_to(planck(BANDS, 300.0)[:, None, None], cube.radiance.shape)
     np.testing.assert_allclose(cube.radiance, glow, rtol=3e-7)
 
 
@@ -605,7 +603,7 @@ def test_noise_leaves_a_cold_dry_sky_positive():
     w, f = equidistant_bands(16)
     clean, noisy = (render(scene, OUTDOOR, (24, 32), 4, wavelength=w, fwhm=f, netd_k=n)[0]
                     for n in (0, 2.0))  # fmt: skip
-    floor = radiance(w, FLOOR_K).astype(np.float32)[:, None, None]
+    floor = planck(w, FLOOR_K).astype(np.float32)[:, None, None]
     clipped = noisy.radiance == floor
     assert clean.radiance.min() > 0 and clipped.any() and (noisy.radiance >= floor).all()
     # What is clipped lay within the noise of the floor; the rest is untouched.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physics.errors import InputError
-from physics.planck import brightness_temperature, radiance
+from physics.planck import brightness_temperature, planck
 from physics.sky import Atmosphere, air_mass, sky_radiance, zenith_optical_depth
 
 W = np.linspace(7.5, 14.5, 141)
@@ -27,7 +27,7 @@ def test_no_direction_is_brighter_than_the_air(atmosphere):
     sky = sky_radiance(W, COSINES, atmosphere)
     assert sky.shape == (COSINES.size, W.size)
     assert (sky > 0).all()
-    assert (sky < radiance(W, atmosphere.air_temperature_k)).all()
+    assert (sky < planck(W, atmosphere.air_temperature_k)).all()
 
 
 @pytest.mark.parametrize("atmosphere", CLIMATES)
@@ -67,8 +67,8 @@ def test_an_isothermal_slab_glows_with_one_minus_transmittance():
     for cosine in (1.0, 0.7, 0.5):
         emissivity = -np.expm1(-air_mass(cosine) * tau)
         sky = sky_radiance(w, [cosine], slab)[0]
-        assert (sky < emissivity * radiance(w, 290.0)).all()
-        assert (sky > emissivity * radiance(w, 280.0)).all()
+        assert (sky < emissivity * planck(w, 290.0)).all()
+        assert (sky > emissivity * planck(w, 280.0)).all()
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_downwelling_flux_is_near_brutsaert(atmosphere):
     t = atmosphere.air_temperature_k
     w, mu = np.linspace(8, 14, 121), (np.arange(40) + 0.5) / 40
     flux = 2 * np.pi * (sky_radiance(w, mu, atmosphere) * mu[:, None]).mean(axis=0)
-    emissivity = 1 - np.trapezoid(np.pi * radiance(w, t) - flux, w) / (5.670374e-8 * t**4)
+    emissivity = 1 - np.trapezoid(np.pi * planck(w, t) - flux, w) / (5.670374e-8 * t**4)
     vapour = 4.615e-3 * t * atmosphere.water_cm * 10 / 2.0  # hPa, 2 km scale height
     assert emissivity == pytest.approx(1.24 * (vapour / t) ** (1 / 7), abs=0.08)
 

@@ -15,7 +15,7 @@ from physics.bands import equidistant_bands, quadrature
 from physics.blind import library_from_cube
 from physics.cube.spectral_shift import STEP_UM, registered, spectral_shift
 from physics.estimate import estimate_environment
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.sky import Atmosphere, sky_radiance
 from texnet.budget import choose
 from texnet.cli import main
@@ -97,10 +97,10 @@ def test_no_material_passes_for_a_shifted_sky(m, air_k, warmer, cos_zenith, roof
     nodes = quadrature(w, fwhm)
     e = LIBRARY.at(nodes.ravel())[m].reshape(nodes.shape).mean(axis=1)
     assume(m != LIBRARY.sky_index)
-    light = radiance(w, air_k + roof)
+    light = planck(w, air_k + roof)
     if cos_zenith is not None:
         light = sky(Atmosphere(air_k), cos_zenith, w, fwhm)
-    s = e * radiance(w, air_k + warmer) + (1 - e) * light
+    s = e * planck(w, air_k + warmer) + (1 - e) * light
     assert spectral_shift(uniform(s, w, fwhm, seed=seed), LIBRARY) == 0
 
 
@@ -144,7 +144,7 @@ def test_dead_bands_beside_it():
 def test_a_few_pixels_that_flare_up_do_not_matter():
     cube = stated(traced("forest", 54)[0], 0.25)
     s = cube.radiance.copy()
-    s[np.arange(5) + 15, np.arange(5) * 9, 30] = radiance(9.0, 3000.0)
+    s[np.arange(5) + 15, np.arange(5) * 9, 30] = planck(9.0, 3000.0)
     cube = HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     assert spectral_shift(cube, LIBRARY) == pytest.approx(0.25, abs=0.02)
 
@@ -208,7 +208,7 @@ def test_a_fire_hides_no_wrong_wavelengths():
     w, s = cube.wavelength_um, cube.radiance.copy()
     e = LIBRARY.at(w)[LIBRARY.index("granite")]
     height, width = (n // 4 for n in cube.shape)
-    burns = e * radiance(w, 1200.0) + (1 - e) * radiance(w, 288.0)
+    burns = e * planck(w, 1200.0) + (1 - e) * planck(w, 288.0)
     s[:, -height:, :width] = burns[:, None, None]
     burning = HeatCube(s, w, cube.fwhm_um, cube.netd_k)
     assert spectral_shift(stated(burning, 0.23), LIBRARY) == pytest.approx(0.23, abs=NEAR_UM)

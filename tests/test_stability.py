@@ -8,7 +8,7 @@ import pytest
 from benchmarks import rows, stability
 from benchmarks.stability import AXES, METHODS, Case, View, amplification, missing_rows
 from physics import MaterialLibrary
-from physics.planck import brightness_temperature, radiance
+from physics.planck import brightness_temperature, planck
 from texnet.metrics import non_sky
 from texnet.pipeline import decompose
 
@@ -58,7 +58,7 @@ def test_the_last_level_of_the_crossover_is_a_black_enclosure(library):
     c = case("thermal crossover", 0, library, View("room", 7))
     t = c.truth.temperature_k
     assert np.ptp(t) < 1e-2
-    black = radiance(c.cube.wavelength_um, float(t.mean()))[:, None, None]
+    black = planck(c.cube.wavelength_um, float(t.mean()))[:, None, None]
     off = (c.cube.radiance - black) / c.cube.sigma[:, None, None]
     assert off.std() == pytest.approx(1, abs=0.02) and abs(off.mean()) < 0.02
 

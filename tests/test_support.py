@@ -6,7 +6,7 @@ import pytest
 from physics import HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
 from physics.estimate import Sample
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from physics.support import supported_count
@@ -17,7 +17,7 @@ W, FWHM = equidistant_bands(24)
 
 def test_an_isothermal_enclosure_needs_one_object():
     """Everything is B(T), whatever it is made of: nothing tells surroundings apart."""
-    black = radiance(W, 293.0)[:, None, None]
+    black = planck(W, 293.0)[:, None, None]
     noise = np.random.default_rng(0).normal(size=(24, 30, 40)) * noise_sigma(W, 0.05)[:, None, None]
     cube = HeatCube(black + noise, W, FWHM, 0.05)
     assert supported_count(cube, MaterialLibrary.starter()) == 1

@@ -14,7 +14,7 @@ from conftest import hear_ctrl_c
 
 from physics import InputError, MaterialLibrary
 from physics.library import SKY
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator import Scene
 from physics.simulator.presets.random_scene import random_scene
 from training import scenes
@@ -75,7 +75,7 @@ def test_equation_1_holds_in_pixels_of_one_material(made):
         near = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
         pure = (near == r.material[..., None, None]).all((2, 3))
         pure &= r.material != r.names.index(SKY)
-        own, lit = e * radiance(w, r.temperature_k), (1 - e) * r.texture.astype(float)
+        own, lit = e * planck(w, r.temperature_k), (1 - e) * r.texture.astype(float)
         error = lambda s: np.abs(r.radiance - s)[:, pure] / noise_sigma(w, 0.05)[:, 0]  # noqa: B023
         # What is left: X in half precision (up to half of this noise) and warm and cold, or
         # a little of something else, in one pixel.

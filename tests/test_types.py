@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.cube.heat_cube import sampling_step
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 
 W = np.linspace(8.0, 14.0, 5)
 EVERY, MOST = slice(None), slice(4)  # of the bands
-S = np.broadcast_to(radiance(W, 290.0)[:, None, None], (5, 3, 4))
+S = np.broadcast_to(planck(W, 290.0)[:, None, None], (5, 3, 4))
 E = np.array([np.full(5, 0.9), np.linspace(0.2, 0.8, 5), np.full(5, 0.5)])
 NAMES = ("grass", "glass", "sky")
 
@@ -234,13 +234,13 @@ def test_a_few_warm_columns_are_not_the_scene():
     t = np.full((3000, 320), 285.0)
     t[:, [0, 160]] = 300.0
     w = np.array([9.0, 10.0, 11.0])
-    cube = HeatCube(radiance(w[:, None, None], t), w, netd_k=0.05)
+    cube = HeatCube(planck(w[:, None, None], t), w, netd_k=0.05)
     warm = brightness_temperature(w, cube.sample(6000)) > 290
     assert warm.mean() == pytest.approx(2 / 320, rel=0.1)
 
 
 def test_views_of_a_cube_agree():
-    s = radiance(W[:, None, None], 280.0 + np.arange(12.0).reshape(3, 4))
+    s = planck(W[:, None, None], 280.0 + np.arange(12.0).reshape(3, 4))
     cube = HeatCube(s, W, netd_k=0.1)
     assert cube.bands == 5 and cube.shape == (3, 4) and cube.radiance.dtype == np.float32
     np.testing.assert_array_equal(cube.spectra[1 * 4 + 2], cube.radiance[:, 1, 2])
@@ -263,7 +263,7 @@ def low_dimensional(seed, netd, bands, dimensions, pixels_per_band):
     w, side = np.linspace(8.0, 14.0, bands), int(np.ceil(np.sqrt(pixels_per_band * bands)))
     t = 285 + 8 * rng.normal(size=(dimensions, 1))
     share = rng.dirichlet(np.ones(dimensions), side * side)
-    s = share @ radiance(w, t) + rng.normal(size=(side * side, bands)) * noise_sigma(w, netd)
+    s = share @ planck(w, t) + rng.normal(size=(side * side, bands)) * noise_sigma(w, netd)
     return HeatCube(s.T.reshape(bands, side, side), w)
 
 
@@ -290,7 +290,7 @@ def test_netd_of_few_bands(bands):
     """A smooth picture in few bands: neighbours differ by noise alone."""
     w = np.linspace(8.5, 13.5, bands)
     t = np.linspace(280.0, 300.0, 60)[:, None] + np.linspace(0, 5, 60)
-    s = radiance(w[:, None, None], t)
+    s = planck(w[:, None, None], t)
     s = s + np.random.default_rng(0).normal(size=s.shape) * noise_sigma(w, 0.1)[:, None, None]
     assert HeatCube(s, w).with_netd().netd_k == pytest.approx(0.1, rel=0.15)
 
@@ -301,7 +301,7 @@ def test_netd_of_few_bands_of_a_picture_half_of_which_is_leaves(bands):
     w, rng = np.linspace(8.5, 13.5, bands), np.random.default_rng(1)
     t = np.full((60, 60), 290.0)
     t[:30] += rng.uniform(-10, 10, (30, 60))
-    s = radiance(w[:, None, None], t)
+    s = planck(w[:, None, None], t)
     s = s + rng.normal(size=s.shape) * noise_sigma(w, 0.1)[:, None, None]
     assert 0.09 < HeatCube(s, w).with_netd().netd_k < 0.2
 
@@ -309,7 +309,7 @@ def test_netd_of_few_bands_of_a_picture_half_of_which_is_leaves(bands):
 @pytest.mark.parametrize("bands", [4, 20])
 def test_netd_of_a_cube_without_noise_is_the_least(bands):
     w = np.linspace(8, 14, bands)
-    cube = HeatCube(np.broadcast_to(radiance(w, 300.0)[:, None, None], (bands, 20, 20)), w)
+    cube = HeatCube(np.broadcast_to(planck(w, 300.0)[:, None, None], (bands, 20, 20)), w)
     assert cube.with_netd().netd_k == pytest.approx(1e-3)
 
 
@@ -434,7 +434,7 @@ def test_sky_of_an_environment():
 
 def test_radiance_in_microflicks_is_noticed():
     w = np.array([9.0, 10.0, 11.0])
-    s = radiance(w, 290.0)[:, None, None] * np.ones((3, 2, 2))
+    s = planck(w, 290.0)[:, None, None] * np.ones((3, 2, 2))
     HeatCube(s, w)
     assert "microflick" in sentence(HeatCube, 100 * s, w)
 

@@ -19,7 +19,7 @@ model       net and net+sgd as one module: evidence, network, refinement, textur
 network     TeXNet
 chunks      what pixels do by themselves, some thousand at a time
 budget      the most accurate method that fits a time budget
-doubt       when an answer should not be trusted
+uncertainty  what adds to sigma, and when an answer should not be trusted
 learned     the model in torch, with the shipped weights or others
 files       a package: cubes, libraries, environments, filters and weights on disk
 outputs     what `texnet decompose` writes

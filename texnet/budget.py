@@ -15,8 +15,8 @@ from importlib.resources import files
 
 import numpy as np
 
-from physics.cube import hot
 from physics.cube.heat_cube import HeatCube
+from physics.cube.hot import split_hot
 from physics.cube.prepared import prepared
 from physics.errors import InputError
 from physics.estimate import USUAL_OBJECTS, estimate_environment
@@ -43,7 +43,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     Raises InputError with what the fastest takes if none fits.
     """
     start = time.perf_counter()
-    cube, _, _ = hot.parted(prepared(cube, library).cube)  # the middle may be all hot
+    cube, _, _ = split_hot(prepared(cube, library).cube)  # the middle may be all hot
     before = time.perf_counter() - start
     whole = isinstance(k, (int, np.integer))
     objects = k if whole else min(USUAL_OBJECTS, cube.measured_count)

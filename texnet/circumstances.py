@@ -15,15 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from physics.cube import hot
 from physics.cube.heat_cube import HeatCube
+from physics.cube.hot import split_hot
 from physics.cube.prepared import Prepared, prepared
 from physics.cube.saturation import saturated
 from physics.environment import Environment
 from physics.estimate import USUAL_OBJECTS, completed, estimate_environment
 from physics.machinery.blas import no_blas_threads
 
-from .camera.calibration import calibration, of_given, under_a_sky
+from .camera.calibration import calibration, error_of_given, sky_is_likelier
 from .camera.correction import RIGHT, Calibration, corrected
 from .camera.distances import distances
 from .progress import compiling
@@ -72,8 +72,8 @@ def circumstances(
         given = completed(given, ready.cube, library, seed)
     cube, beyond = ready.cube, saturated(ready.cube)
     lap("bands")
-    cold, burns, _ = hot.parted(cube)
-    left_out = cube.dead | beyond | burns
+    cold, is_hot, _ = split_hot(cube)
+    left_out = cube.dead | beyond | is_hot
     counting = given is None and k in (None, "auto")
     objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
 
@@ -96,12 +96,12 @@ def circumstances(
     assumed, error_k, metres = False, 0.0, None
     of = partial(calibration, cold, look=look, library=library, left_out=left_out)
     if given is not None:
-        found, error_k = of_given(cold, given, look, library, left_out)
+        found, error_k = error_of_given(cold, given, look, library, left_out)
         environment = given.off_by(error_k) if error_k else given
     else:
         found = of(environment)
         if not environment.sky and (under := estimate(cube, objects, assume_sky=True)).sky:
-            assumed = under_a_sky(cold, environment, found, under, look, library, left_out)
+            assumed = sky_is_likelier(cold, environment, found, under, look, library, left_out)
         if counting:
             objects = supported(assumed)
         if counting or assumed:

@@ -21,7 +21,7 @@ import torch
 from torch import nn
 
 from physics.evidence import Known, components, hypotheses, likeliest
-from physics.planck import radiance as planck
+from physics.planck import planck
 from physics.refinement import (
     STEPS,
     TYPICAL_K,
@@ -34,8 +34,8 @@ from physics.refinement import (
 )  # fmt: skip
 
 from .chunks import ANSWERED, SEEN, by_chunks, chunks_of
-from .doubt import AIR_SIGMA_K, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS, fits
 from .network import TeXNet, log_add, stem
+from .uncertainty import AIR_SIGMA_K, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS, fits
 
 HYPOTHESES = 3  # of a pixel, the likeliest
 CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
@@ -258,7 +258,7 @@ def _unrefined(b, row, t, lighting, width):
 
 def _texture(known, h, spectra, chosen, temperature, v, off):
     """X (bands, P), its sky-lit band mean and the residual (P,) of the hypotheses chosen (R, P)."""
-    sky, share = known.is_sky, of_rows(h.share, chosen)
+    sky, share = known.is_sky, of_rows(h.sky_share, chosen)
     of_m = chosen[: sky.shape[0]] + chosen[sky.shape[0] :]
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
     glow = (of_rows(e, of_m) * planck(known.nodes_um[..., None], temperature)).mean(1)
@@ -267,7 +267,7 @@ def _texture(known, h, spectra, chosen, temperature, v, off):
     texture = known.environment.t() @ v + known.spread.t() @ off[:n] + skylight
     of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[d:-1]
     rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, of_m)) * texture) + share * of_sky
-    rendered = rendered + of_rows(h.rim, chosen) * off[-1]
+    rendered = rendered + of_rows(h.alpha_step, chosen) * off[-1]
     misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
     v_sky = v * known.sky_object[:, None]
     lit = known.environment.mean(1) @ v_sky + v_sky.sum(0) * skylight.mean(0)

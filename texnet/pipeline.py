@@ -16,8 +16,8 @@ from inspect import signature
 
 import numpy as np
 
-from physics.cube import hot
 from physics.cube.heat_cube import MAX_NETD_K, HeatCube, numbers
+from physics.cube.hot import split_hot
 from physics.environment import Environment
 from physics.errors import InputError
 from physics.library import MaterialLibrary
@@ -26,15 +26,15 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 from . import glance
 from .circumstances import circumstances
-from .doubt import (
-    doubt_k,
+from .methods import METHODS, NETS, by_network, by_solver
+from .progress import compiling
+from .uncertainty import (
+    shared_error_k,
     sigma_among_neighbours,
-    unsure,
+    unreliable,
     with_calibration_error,
     with_level_error,
 )
-from .methods import METHODS, NETS, by_network, by_solver
-from .progress import compiling
 
 MOST_OBJECTS = 10  # of the environment
 MAX_SEED = 2**32 - 1  # of scikit-learn
@@ -63,8 +63,8 @@ class Decomposition:
     material_probability  (materials, height, width); zero what `glance` did not see there
     unknown               True where the answer should not be trusted: no material of the library
                           fits, or clearly worse than elsewhere in the scene, or is likely enough
-                          (`doubt`); only the neighbours speak for the one given; or the pixel is
-                          saturated or dead
+                          (`uncertainty`); only the neighbours speak for the one given; or the
+                          pixel is saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
     dead                  True where nothing was measured: maps are a guess by the nearest spectrum
     hot                   True where a pixel is far hotter than the rest, and was solved apart
@@ -198,55 +198,55 @@ def decompose(
             cube, library, look,
             k=k, environment=environment, seed=seed, lap=lap, progress=progress,
         )  # fmt: skip
-        cold, burns, burning = hot.parted(of.cube)
+        cold, is_hot, hot_radiance = split_hot(of.cube)
         maps = glance.answer(
             partial(run, of.environment), partial(look, of.environment), cold, len(library), expects
         )
     if method in NETS:
         lap("network")
-    if burns.any():
+    if is_hot.any():
         from .solver import solve_hot  # numba takes a second to load
 
         with compiling(progress):
-            of_hot = solve_hot(cold, burning, library, of.environment)
+            of_hot = solve_hot(cold, hot_radiance, library, of.environment)
         for name, a in of_hot.items():
-            maps[name][..., burns] = a
+            maps[name][..., is_hot] = a
             scratch.release(maps[name])
         lap("hot")
-    maps = _doubted(maps, library, of, calibration_error_k)
+    maps = _with_scene_errors(maps, library, of, calibration_error_k)
     ready, found, air = of.ready, of.found, of.found.air
     return Decomposition(
         **{name: a for name, a in maps.items() if name not in ("objective", "log_evidence")},
-        saturated=of.saturated, dead=ready.cube.dead, hot=burns,
+        saturated=of.saturated, dead=ready.cube.dead, hot=is_hot,
         gain=found.gain, band_gains=found.of_bands(of.cube.bands), offset_k=found.offset_k,
         air_m=air.metres if air else 0.0, air_k=air.temperature_k if air else math.nan,
         distance_m=of.distance_m,
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
         sky_assumed=of.sky_assumed,
         wavelength_um=ready.stated_um, emissivity=library.at(of.cube.wavelength_um),
-        hue_deg=library.hue_deg, camera_netd_k=ready.camera_k,
-        netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_k,
+        hue_deg=library.hue_deg, camera_netd_k=ready.camera_netd_k,
+        netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
         environment_error_k=of.environment_error_k, left_out=ready.left_out,
         objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
 
 
-def _doubted(maps, library, of, calibration_error_k):
+def _with_scene_errors(maps, library, of, calibration_error_k):
     """maps by a method, with what edges, the calibration, as stated and as found in the
     Circumstances, and pixels that tell nothing add to sigma and unknown."""
     cube, found = of.cube, of.found
     sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
     sigma = sigma_among_neighbours(sigma, t, maps["material"])
     sigma = with_level_error(sigma, maps, library, cube)
-    doubt = float(np.hypot(calibration_error_k, doubt_k(found, cube)))
-    if doubt:
-        sigma = with_calibration_error(sigma, t, cube.wavelength_um, doubt)
+    shared_k = float(np.hypot(calibration_error_k, shared_error_k(found, cube)))
+    if shared_k:
+        sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k)
     invalid = of.ready.cube.dead | of.saturated
     sigma[invalid] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     unknown = maps["unknown"] | invalid
     if found.noise > 1:
-        unknown |= unsure(maps, found.noise, found.misfit, cube.bands)
+        unknown |= unreliable(maps, found.noise, found.misfit, cube.bands)
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 
 

@@ -14,7 +14,7 @@ from physics.machinery.blas import no_blas_threads
 from physics.machinery.tiles import TILE_BYTES, run_tiled
 from physics.planck import brightness_temperature
 
-from .doubt import (
+from .uncertainty import (
     AIR_SIGMA_K,
     EVEN,
     LIKELY,

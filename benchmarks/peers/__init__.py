@@ -9,7 +9,7 @@ scipy_fit    Eq. 4 per pixel and material by scipy's bounded least squares
 
 The first three methods separate temperature from emissivity. Each has
 
-    separate(spectra, planck, sky) -> T (pixels,) K, e (pixels, bands)
+    separate(spectra, law, sky) -> T (pixels,) K, e (pixels, bands)
 
 of spectra (pixels, bands), W m-2 sr-1 um-1, a BandPlanck of these bands, and the downwelling
 radiance sky (bands,) of which all X is assumed to be.

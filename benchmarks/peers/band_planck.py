@@ -7,7 +7,7 @@ fault.
 import numpy as np
 
 from physics.bands import quadrature
-from physics.planck import radiance
+from physics.planck import planck
 
 COLDEST_K, HOTTEST_K, STEP_K = 100.0, 600.0, 0.1
 
@@ -22,7 +22,7 @@ class BandPlanck:
         self.temperatures_k = np.arange(COLDEST_K, HOTTEST_K + STEP_K / 2, STEP_K)
         nodes = quadrature(wavelength_um, fwhm_um)
         self.table = np.stack(
-            [radiance(nodes, t).mean(axis=-1) for t in self.temperatures_k]
+            [planck(nodes, t).mean(axis=-1) for t in self.temperatures_k]
         )  # (temperatures, bands)
 
     def radiance(self, temperature_k):
@@ -40,11 +40,11 @@ class BandPlanck:
         return np.stack(t, axis=-1)
 
 
-def emissivity(spectra, temperature_k, planck, sky):
+def emissivity(spectra, temperature_k, law, sky):
     """e = (S - X) / (B(T) - X) of Eq. 1 with X the sky: (pixels, bands), of a wrong T beyond 0..1.
 
     Where B(T) = X a pixel shows nothing of its emissivity; then e = 1.
     """
-    contrast = planck.radiance(temperature_k) - sky
+    contrast = law.radiance(temperature_k) - sky
     known = np.abs(contrast) > 1e-9
     return np.divide(spectra - sky, contrast, out=np.ones_like(contrast), where=known)

@@ -13,8 +13,8 @@ from .band_planck import emissivity
 EMISSIVITY = 0.95
 
 
-def separate(spectra, planck, sky):
+def separate(spectra, law, sky):
     """T (pixels,) K and e (pixels, bands), see the package."""
     emitted = (spectra - (1 - EMISSIVITY) * sky) / EMISSIVITY
-    t = planck.brightness_temperature(emitted).mean(axis=-1)
-    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)
+    t = law.brightness_temperature(emitted).mean(axis=-1)
+    return t, np.clip(emissivity(spectra, t, law, sky), 0.0, 1.0)

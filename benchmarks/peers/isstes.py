@@ -20,19 +20,19 @@ STEPS_K = (0.5, 0.05, 0.005)
 PIXELS_PER_BLOCK = 2048  # so that what is worked on stays in the processor's cache
 
 
-def separate(spectra, planck, sky):
+def separate(spectra, law, sky):
     """T (pixels,) K and e (pixels, bands), see the package."""
     blocks = range(0, len(spectra), PIXELS_PER_BLOCK)
-    t = np.concatenate([_smoothest(spectra[i : i + PIXELS_PER_BLOCK], planck, sky) for i in blocks])
-    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)
+    t = np.concatenate([_smoothest(spectra[i : i + PIXELS_PER_BLOCK], law, sky) for i in blocks])
+    return t, np.clip(emissivity(spectra, t, law, sky), 0.0, 1.0)
 
 
-def _smoothest(spectra, planck, sky):
-    t = planck.brightness_temperature(spectra).max(axis=-1)
+def _smoothest(spectra, law, sky):
+    t = law.brightness_temperature(spectra).max(axis=-1)
     below, above = BELOW_K, ABOVE_K
     for step in STEPS_K:
         offsets = np.arange(-below, above + step / 2, step)
-        rough = [_roughness(emissivity(spectra, t + d, planck, sky)) for d in offsets]
+        rough = [_roughness(emissivity(spectra, t + d, law, sky)) for d in offsets]
         t = t + offsets[np.argmin(rough, axis=0)]
         below = above = step
     return t

@@ -15,10 +15,10 @@ def nearest(e, curves):
     return (e @ (curves / np.linalg.norm(curves, axis=1, keepdims=True)).T).argmax(axis=1)
 
 
-def light(spectra, temperature_k, e, planck):
+def light(spectra, temperature_k, e, law):
     """X (pixels, bands) W m-2 sr-1 um-1 by Eq. 1, and its mean over bands (pixels,), each band
     counting as its noise in X allows, (1 - e)^2."""
     reflectance = np.maximum(1 - e, LEAST_REFLECTANCE)
-    reflected = spectra - e * planck.radiance(temperature_k)
+    reflected = spectra - e * law.radiance(temperature_k)
     mean = (reflectance * reflected).sum(axis=1) / (reflectance**2).sum(axis=1)
     return reflected / reflectance, mean

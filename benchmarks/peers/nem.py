@@ -16,14 +16,14 @@ from .band_planck import emissivity
 LARGEST, ITERATIONS, TOLERANCE_K = 0.99, 12, 1e-3
 
 
-def separate(spectra, planck, sky):
+def separate(spectra, law, sky):
     """T (pixels,) K and e (pixels, bands), see the package."""
     e, before = np.full(spectra.shape, LARGEST), np.inf
     for _ in range(ITERATIONS):
         emitted = spectra - (1 - e) * sky
-        t = planck.brightness_temperature(emitted / LARGEST).max(axis=-1)
-        e = np.clip(emitted / planck.radiance(t), 0.0, 1.0)
+        t = law.brightness_temperature(emitted / LARGEST).max(axis=-1)
+        e = np.clip(emitted / law.radiance(t), 0.0, 1.0)
         if np.abs(t - before).max() < TOLERANCE_K:
             break
         before = t
-    return t, np.clip(emissivity(spectra, t, planck, sky), 0.0, 1.0)
+    return t, np.clip(emissivity(spectra, t, law, sky), 0.0, 1.0)

@@ -4,7 +4,7 @@ published MATLAB code is ported. It minimises the same J as `physics.exact.local
 import numpy as np
 
 from physics.bands import quadrature
-from physics.planck import radiance
+from physics.planck import planck
 from physics.prior import V_PRECISION
 
 SUM_WEIGHT = 1e4  # of V's sum being 1, which scipy's bounds cannot say
@@ -52,7 +52,7 @@ def _residuals(model, spectrum, r, fwhm_um):
 
     def residual(x):
         t, v = x[0], x[1:]
-        s = (curve * radiance(nodes, t)).mean(axis=-1) + v @ lit
+        s = (curve * planck(nodes, t)).mean(axis=-1) + v @ lit
         return np.concatenate([
             root @ ((spectrum - s) / model.sigma),
             [(t - model.prior_mean_k) / model.prior_sigma_k],

@@ -33,7 +33,7 @@ from benchmarks.colours import BLUE, VERMILLION
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
-from physics.planck import noise_sigma, radiance
+from physics.planck import noise_sigma, planck
 from physics.simulator import Camera, simulate
 from physics.simulator.presets.patches import patches
 
@@ -146,8 +146,8 @@ def visible_ratio(temperature_k, albedo, sun_cosine):
     """Own glow over scattered sunlight, 0.4-0.7 um, of a grey Lambertian surface without air."""
     w = np.linspace(*VISIBLE_UM, 301)
     solid_angle = np.pi * (SUN_RADIUS_M / SUN_DISTANCE_M) ** 2
-    sunlight = albedo / np.pi * sun_cosine * solid_angle * radiance(w, SUN_K)
-    return float(((1 - albedo) * radiance(w, temperature_k)).sum() / sunlight.sum())
+    sunlight = albedo / np.pi * sun_cosine * solid_angle * planck(w, SUN_K)
+    return float(((1 - albedo) * planck(w, temperature_k)).sum() / sunlight.sum())
 
 
 # --- drawing -----------------------------------------------------------------------------
@@ -180,7 +180,7 @@ def _draw(rows, pictures, path):
 
 def _draw_spectra(fig):
     w = np.geomspace(0.25, 40, 600)
-    shape = lambda t: radiance(w, t) / radiance(w, t).max()
+    shape = lambda t: planck(w, t) / planck(w, t).max()
     fig.suptitle("(a) light in the picture, each curve over its largest value", fontsize=11)
     axes = fig.subplots(1, 2, sharex=True, sharey=True)
     for ax, title, scattered, light, own_k, response in (

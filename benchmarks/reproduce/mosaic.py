@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import convolve
 
 from physics.cube.heat_cube import HeatCube
-from physics.planck import brightness_temperature, radiance
+from physics.planck import brightness_temperature, planck
 
 PATTERN = np.array([[0, 1], [2, 3]])
 TENT = np.outer([1, 2, 1], [1, 2, 1]) / 4.0  # interpolates a band linearly between its samples
@@ -45,7 +45,7 @@ def demosaic(raw, like, method):
     t = (brightness_temperature(w, raw) * measures(raw.shape)).sum(axis=0)
     noise = np.random.default_rng(0).normal(300.0, like.netd_k, (64, 64))
     netd_k = float(np.sqrt(((method(noise) - 300.0) ** 2).mean()))
-    return HeatCube(radiance(w, method(t)), like.wavelength_um, like.fwhm_um, netd_k)
+    return HeatCube(planck(w, method(t)), like.wavelength_um, like.fwhm_um, netd_k)
 
 
 def bilinear(t):

@@ -29,7 +29,7 @@ from scipy.ndimage import binary_erosion, generate_binary_structure, maximum_fil
 
 from benchmarks.rows import write_csv
 from physics.contrast import contrast_terms
-from physics.planck import radiance
+from physics.planck import planck
 from texnet.baselines import clahe, panchromatic, principal_components
 from texnet.figures import daylight_srgb
 from texnet.metrics import non_sky, texture_scores
@@ -107,7 +107,7 @@ def contributions(truth, fwhm_um):
         w = truth.wavelength_um[band : band + 1]
         e, x = (a[band : band + 1].astype(float) for a in (truth.emissivity, truth.texture))
         terms = contrast_terms(t, e, x, w)
-        ds = np.stack(np.gradient((e * radiance(w[:, None, None], t) + (1 - e) * x)[0]))
+        ds = np.stack(np.gradient((e * planck(w[:, None, None], t) + (1 - e) * x)[0]))
         total["higher orders"] += width * ds
         for name, term in terms.items():
             total[name] += width * term[:, 0]

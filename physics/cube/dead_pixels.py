@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import Implausible
 from ..machinery import scratch
-from ..planck import radiance as planck
+from ..planck import planck
 
 FEW = 0.05  # of the pixels that hold anything may be dead; more are a wrong calibration
 HOTTEST_K = 1e4  # of any pixel; beyond it a detector is dead

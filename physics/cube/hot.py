@@ -17,14 +17,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..machinery import scratch
-from ..planck import brightness_temperature, radiance, radiance_derivative
+from ..planck import brightness_temperature, planck, planck_derivative
 from .heat_cube import MAX_NETD_K
 
 FAR_K, HOT_K = 50.0, 350.0  # above half of the pixels, and above what the sun heats
 LIT, KNOWN = 0.05, 0.005
 
 
-_PARTED = WeakKeyDictionary()  # a cube is parted wherever it is looked at
+_SPLIT = WeakKeyDictionary()  # a cube is split wherever it is looked at
 
 
 def far_hotter(cube):
@@ -34,20 +34,20 @@ def far_hotter(cube):
     votes = np.zeros(cube.shape, np.uint8)
     for band, w in zip(cube.radiance[some], cube.wavelength_um[some], strict=True):
         usual = brightness_temperature(w, np.median(band[~cube.dead]))
-        votes += band > radiance(w, max(usual + FAR_K, HOT_K))
+        votes += band > planck(w, max(usual + FAR_K, HOT_K))
     return (votes > len(some) // 2) & ~cube.dead
 
 
-def parted(cube):
+def split_hot(cube):
     """A HeatCube without the pixels that are far hotter than the rest (itself if there are none),
     which (height, width) those are, and their radiance (bands, n)."""
-    if cube not in _PARTED:
-        _PARTED[cube] = _parted(cube, far_hotter(cube))
-    cold, hot, alone = _PARTED[cube]
+    if cube not in _SPLIT:
+        _SPLIT[cube] = _split(cube, far_hotter(cube))
+    cold, hot, alone = _SPLIT[cube]
     return (cube if cold is None else cold), hot, alone
 
 
-def _parted(cube, hot):
+def _split(cube, hot):
     if not hot.any():
         return None, hot, np.empty((cube.bands, 0), np.float32)
     alone = scratch.empty((cube.bands, np.count_nonzero(hot)), np.float32)
@@ -56,7 +56,7 @@ def _parted(cube, hot):
     return replace(cube, dead=cube.dead | hot), hot, alone
 
 
-def shine(hot, pixels):
+def spread_of_hot(hot, pixels):
     """(d, bands) deviation of the surroundings for hot (bands, n), of so many measured pixels; d is
     1, or 0 if there are none."""
     share = hot.shape[1] / pixels
@@ -65,5 +65,5 @@ def shine(hot, pixels):
 
 def netd_k(cube, hot):
     """K at 300 K: noise of a HeatCube that hot (bands, n) have, as far as it is KNOWN."""
-    off = np.median(hot, axis=1) / radiance_derivative(cube.wavelength_um, 300.0)
+    off = np.median(hot, axis=1) / planck_derivative(cube.wavelength_um, 300.0)
     return min(float(np.hypot(cube.netd_k, KNOWN * off.mean())), MAX_NETD_K)

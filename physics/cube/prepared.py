@@ -13,14 +13,14 @@ from .spectral_shift import registered
 
 class Prepared(NamedTuple):
     """cube, and what was done to it: left_out {wavelength_um: why} of bands, and shift_um by which
-    the others were stated too long; stated_um (bands,) where they were said to lie; camera_k the
-    camera's own noise, K at 300 K."""
+    the others were stated too long; stated_um (bands,) where they were said to lie; camera_netd_k
+    the camera's own noise, K at 300 K."""
 
     cube: HeatCube
     left_out: dict
     shift_um: float
     stated_um: np.ndarray
-    camera_k: float
+    camera_netd_k: float
 
 
 def prepared(cube, library):
@@ -32,6 +32,6 @@ def prepared(cube, library):
     there = np.isin(whole - shift, cube.wavelength_um)
     beyond = dict.fromkeys(whole[~there].tolist(), "beyond the library")
     left_out = dict(sorted((left_out | beyond).items()))
-    camera_k = cube.netd_k
-    cube = replace(cube, netd_k=max(camera_k, LEAST_NETD_K))
-    return Prepared(cube, left_out, shift, whole[there], camera_k)
+    camera_netd_k = cube.netd_k
+    cube = replace(cube, netd_k=max(camera_netd_k, LEAST_NETD_K))
+    return Prepared(cube, left_out, shift, whole[there], camera_netd_k)

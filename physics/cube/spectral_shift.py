@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..bands import quadrature
-from ..planck import brightness_temperature, radiance, radiance_derivative
+from ..planck import brightness_temperature, planck, planck_derivative
 from ..sky import AIR_MASSES
-from .hot import parted
+from .hot import split_hot
 
 LOW_UM, HIGH_UM = 8.5, 11.0  # the bands that are looked at, ozone well inside
 EDGE_UM = 0.25  # they reach as near to LOW_UM and HIGH_UM
@@ -61,7 +61,7 @@ def spectral_shift(cube, library):
     w = cube.wavelength_um[here]
     if library.sky_index is None or not _spans_ozone(w):
         return 0.0
-    s = parted(cube)[0].sample(SAMPLES)  # a fire's bands differ more than a sky's
+    s = split_hot(cube)[0].sample(SAMPLES)  # a fire's bands differ more than a sky's
     contrast = np.ptp(brightness_temperature(cube.wavelength_um, s), axis=1)
     most = np.quantile(contrast, 0.98, method="lower")
     s = s[(contrast <= most) & (contrast >= MOST_CONTRAST * most)].mean(axis=0)[here]
@@ -73,20 +73,20 @@ def spectral_shift(cube, library):
     of_sky = 1 - library.emissivity[library.sky_index]
 
     def misfit(models):
-        off = (models - s) / radiance_derivative(w, 300.0)
+        off = (models - s) / planck_derivative(w, 300.0)
         return float((np.diff(off) ** 2).mean(axis=-1).min() ** 0.5)
 
     def as_sky(shift):
         clear = np.interp(nodes - shift, library.wavelength_um, of_sky)
         clear = (clear ** AIR_MASSES[:, None, None]).mean(axis=-1)
-        return misfit(radiance(w - shift, air_k) * (1 - clear))
+        return misfit(planck(w - shift, air_k) * (1 - clear))
 
     farthest = round(FARTHEST_UM / STEP_UM)
     misfits = [as_sky(STEP_UM * i) for i in range(-farthest, farthest + 1)]
     best, least = int(np.argmin(misfits)) - farthest, min(misfits)
     if abs(best) == farthest or abs(best) * STEP_UM < max(LEAST_UM, LEAST_SPACINGS * _spacing(w)):
         return 0.0
-    like_sky = least < LIKE_SKY * misfit(radiance(w, air_k) * GREYS)
+    like_sky = least < LIKE_SKY * misfit(planck(w, air_k) * GREYS)
     return STEP_UM * best if like_sky and least < BETTER * misfits[farthest] else 0.0
 
 

@@ -33,7 +33,6 @@ LANES = 64  # pixels worked on together
 MOST_ZERO, MOST_NUMBERS = 3, 1e7  # V_j, of a face that has tables; in those tables, about
 UNROLLED = 4  # coefficients in a pass of Clenshaw's rule, which is written for so many
 # a * b + c may be rounded once, and 1 / 0 is infinite: else pixels would not share instructions.
-# numba keeps callers in other files as compiled: who changes this file has to touch local.py
 _FUSED = compiled(fastmath={"contract"}, error_model="numpy")
 
 
@@ -42,22 +41,22 @@ class Tables(NamedTuple):
 
     free    (F, k) bool, which V_j may differ from zero;  sets (F,) their sum of 2^j
     onto    (R, F, n - 1, n + k), takes h to what it adds to J'
-    slope   (R, F, S) J' but for that: this and the next are Chebyshev series, zeros at their end
-    bend    (R, F, S) the curvature p' M p in tau (Gauss-Newton) with the prior's
+    gradient  (R, F, S) J' but for that: this and the next are Chebyshev series, zeros at their end
+    hessian  (R, F, S) the curvature p' M p in tau (Gauss-Newton) with the prior's
     glow    (R, S) p' H_TT p / 2
     u, z    (R, F, k), (R, F, k, k)
-    lean    (R, k, n) Z H_VT of all V
+    sensitivity  (R, k, n) Z H_VT of all V
     vt, vv  (R, k, n), (R, k, k) H_VT and H_VV
     """
 
     free: np.ndarray
     sets: np.ndarray
     onto: np.ndarray
-    slope: np.ndarray
-    bend: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
     u: np.ndarray
     z: np.ndarray
-    lean: np.ndarray
+    sensitivity: np.ndarray
     glow: np.ndarray
     vt: np.ndarray
     vv: np.ndarray
@@ -83,24 +82,24 @@ def tables(gram, n, half, weight, mean) -> Tables:
     tt, vt, vv = (np.ascontiguousarray(gram[:, a, b]) for a, b in (
         (slice(n), slice(n)), (slice(n, None), slice(n)), (slice(n, None), slice(n, None))
     ))  # fmt: skip
-    lean = z @ vt[:, None]
-    m = tt[:, None] - vt[:, None].transpose(0, 1, 3, 2) @ lean
+    sensitivity = z @ vt[:, None]
+    m = tt[:, None] - vt[:, None].transpose(0, 1, 3, 2) @ sensitivity
     shift = (u[:, :, None] @ vt[:, None])[:, :, 0]
 
     derive = chebyshev.chebder(np.eye(n))  # (n - 1, n) coefficients -> of the derivative
     size = -(-(2 * n - 1) // UNROLLED) * UNROLLED
     glow = _products(0.5 * tt, size)
-    slope = np.zeros((rows, len(free), size))
-    slope[..., : size - 1] = chebyshev.chebder(_products(0.5 * m, size), axis=2)
-    slope[..., : n - 1] += shift @ derive.T
-    slope[..., 0] -= weight * half * mean
-    slope[..., 1] += weight * half**2
-    bend = _products(derive @ m @ derive.T, size)
-    bend[..., 0] += weight * half**2
+    gradient = np.zeros((rows, len(free), size))
+    gradient[..., : size - 1] = chebyshev.chebder(_products(0.5 * m, size), axis=2)
+    gradient[..., : n - 1] += shift @ derive.T
+    gradient[..., 0] -= weight * half * mean
+    gradient[..., 1] += weight * half**2
+    hessian = _products(derive @ m @ derive.T, size)
+    hessian[..., 0] += weight * half**2
     of_t = np.broadcast_to(-derive, (rows, len(free), n - 1, n))
-    onto = np.concatenate([of_t, derive @ lean.transpose(0, 1, 3, 2)], axis=3)
-    lean = np.ascontiguousarray(lean[:, 0])
-    return Tables(free, sets, onto, slope, bend, u, z, lean, glow, vt, vv)
+    onto = np.concatenate([of_t, derive @ sensitivity.transpose(0, 1, 3, 2)], axis=3)
+    sensitivity = np.ascontiguousarray(sensitivity[:, 0])
+    return Tables(free, sets, onto, gradient, hessian, u, z, sensitivity, glow, vt, vv)
 
 
 def _products(m, size):
@@ -150,7 +149,7 @@ def less_half_squares(a, out):
 
 @_FUSED
 def solve_on_face(
-    h, constant, c, tables, r, face, half, weight, mean, x, work, value, curvature, v, pull
+    h, constant, c, tables, r, face, half, weight, mean, x, work, value, curvature, v, v_gradient
 ):
     """Minimise J over T and over V on a face, for c <= LANES pixels and hypothesis r.
 
@@ -162,16 +161,16 @@ def solve_on_face(
     value      (LANES,) out: J, or -inf where Newton's method has not converged
     curvature  (LANES,) out, 1/K^2, as `simplex.solve`
     v          (k, LANES) out: V, which may be negative
-    pull       (k, LANES) out: by what V_j would raise J, per unit taken from the others
+    v_gradient (k, LANES) out: by what V_j would raise J, per unit taken from the others
     """
-    _, _, onto, slopes, bends, u, z, _, glows, vt, vv = tables
-    k, n, size = vt.shape[1], vt.shape[2], slopes.shape[2]
-    step, bend, cheb = work[0], work[1], work[2 : n + 2]
+    _, _, onto, gradients, hessians, u, z, _, glows, vt, vv = tables
+    k, n, size = vt.shape[1], vt.shape[2], gradients.shape[2]
+    step, hessian, cheb = work[0], work[1], work[2 : n + 2]
     light, rest = work[n + 2 : n + k + 2], work[n + k + 2 :]
     series = rest[:size]
     times(onto[r, face], h, series, c)
     for i in range(size):
-        a = slopes[r, face, i]
+        a = gradients[r, face, i]
         if i < n - 1:
             for p in range(c):
                 series[i, p] += a
@@ -180,7 +179,7 @@ def solve_on_face(
                 series[i, p] = a
     for p in range(c):
         x[p] = min(max(x[p], -0.95), 0.95)
-    _newton(series, x, step, bend, c)
+    _newton(series, x, step, hessian, c)
     for p in range(c):
         cheb[0, p], cheb[1, p] = 1.0, x[p]
     for i in range(2, n):
@@ -192,15 +191,15 @@ def solve_on_face(
             light[j, p] = h[n + j, p] - light[j, p]
     times(z[r, face], light, v, c)
     # J from H itself, because what V has been eliminated from cancels
-    glow, bent, mean_pull = rest[:2], rest[2:4], rest[4]  # the series has served
+    glow, second, mean_gradient = rest[:2], rest[2:4], rest[4]  # the series has served
     _clenshaw(glows[r], x, glow, c)
-    _clenshaw(bends[r, face], x, bent, c)
+    _clenshaw(hessians[r, face], x, second, c)
     for p in range(c):
         deviation = half * x[p] - mean
         value[p] = constant[p] + 0.5 * weight * deviation * deviation
         value[p] += glow[0, p] - x[p] * glow[1, p]
-        curvature[p] = (bent[0, p] - x[p] * bent[1, p]) / (half * half)
-        mean_pull[p] = 0.0
+        curvature[p] = (second[0, p] - x[p] * second[1, p]) / (half * half)
+        mean_gradient[p] = 0.0
     for i in range(n):
         for p in range(c):
             value[p] -= cheb[i, p] * h[i, p]
@@ -208,15 +207,15 @@ def solve_on_face(
         a = u[r, face, j]
         for p in range(c):
             v[j, p] += a
-    times(vv[r], v, pull, c)
+    times(vv[r], v, v_gradient, c)
     for j in range(k):
         for p in range(c):
-            value[p] += v[j, p] * (0.5 * pull[j, p] - light[j, p])
-            pull[j, p] -= light[j, p]
-            mean_pull[p] += v[j, p] * pull[j, p]
+            value[p] += v[j, p] * (0.5 * v_gradient[j, p] - light[j, p])
+            v_gradient[j, p] -= light[j, p]
+            mean_gradient[p] += v[j, p] * v_gradient[j, p]
     for j in range(k):
         for p in range(c):
-            pull[j, p] -= mean_pull[p]
+            v_gradient[j, p] -= mean_gradient[p]
     for p in range(c):
         value[p] = -np.inf if abs(step[p]) >= TOLERANCE else value[p]
 
@@ -237,7 +236,7 @@ def _clenshaw(series, x, b, c):
 
 
 @_FUSED
-def _newton(series, x, step, bend, c):
+def _newton(series, x, step, hessian, c):
     """Zero of J', a series (S, LANES), from x (LANES,), in place; the last step, and J'' before it.
     A pixel stays where it has converged, whatever the others do."""
     b, d = np.empty((2, LANES)), np.empty((2, LANES))
@@ -260,12 +259,12 @@ def _newton(series, x, step, bend, c):
         moving = 0
         for p in range(c):
             # where J bends down: a step that says "not converged"
-            slope = b[0, p] - x[p] * b[1, p]
+            gradient = b[0, p] - x[p] * b[1, p]
             flat = d[0, p] - x[p] * d[1, p] - b[1, p]
-            move = -slope / flat if flat > 0.0 else (0.2 if slope < 0.0 else -0.2)
+            move = -gradient / flat if flat > 0.0 else (0.2 if gradient < 0.0 else -0.2)
             move = min(max(move, -1.0 - x[p]), 1.0 - x[p])
             there = abs(step[p]) < TOLERANCE
-            bend[p] = bend[p] if there else flat
+            hessian[p] = hessian[p] if there else flat
             x[p] = x[p] if there else x[p] + move
             step[p] = step[p] if there else move
             moving += abs(step[p]) >= TOLERANCE
@@ -280,19 +279,22 @@ def lower_bound(tables, r, half, x, work, value, curvature, v, bound):
 
     bound  (LANES,) out; inf where that is done: no V_j is negative
     """
-    z, lean = tables[6][r, 0], tables[7][r]
-    k, n = lean.shape
-    bend, cheb, of_v, slope = work[1], work[2 : n + 2], work[n + 2 : n + k + 2], work[n + k + 2 :]
+    z, sensitivity = tables[6][r, 0], tables[7][r]
+    k, n = sensitivity.shape
+    hessian, cheb = work[1], work[2 : n + 2]
+    of_v, derivative = work[n + 2 : n + k + 2], work[n + k + 2 :]
     for p in range(LANES):
-        slope[0, p], slope[1, p] = 0.0, 1.0
+        derivative[0, p], derivative[1, p] = 0.0, 1.0
     for i in range(2, n):
         for p in range(LANES):
-            slope[i, p] = 2.0 * (cheb[i - 1, p] + x[p] * slope[i - 1, p]) - slope[i - 2, p]
-    times(lean, slope[:n], of_v, LANES)  # -dV / dtau
-    spread, least = slope[0], slope[1]  # have served: the variance of tau, the least V_j
+            derivative[i, p] = (
+                2.0 * (cheb[i - 1, p] + x[p] * derivative[i - 1, p]) - derivative[i - 2, p]
+            )
+    times(sensitivity, derivative[:n], of_v, LANES)  # -dV / dtau
+    spread, least = derivative[0], derivative[1]  # have served: the variance of tau, the least V_j
     for p in range(LANES):
         flat = curvature[p] * half * half
-        spread[p] = 1.0 / (min(flat, bend[p]) if bend[p] > 0.0 else flat)
+        spread[p] = 1.0 / (min(flat, hessian[p]) if hessian[p] > 0.0 else flat)
         bound[p], least[p] = 0.0, 0.0
     for j in range(k):
         for p in range(LANES):

@@ -18,7 +18,6 @@ left to `simplex`.
 """
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
@@ -79,7 +78,7 @@ def solve_local(
     sigma = np.full(shape, model.prior_sigma_k, np.float32)
     row = np.zeros(shape, np.int16)
     lighting = np.empty((pixels, model.k), np.float32)
-    linear, square, tables, of_t = _prepared(model)
+    (linear, square), tables, of_t = model.of_all, model.tables, model.of_t
     material, gram, rows = model.material, model.gram, np.arange(len(model.gram))
     if among is not None:
         rows = np.flatnonzero(among[material])
@@ -106,19 +105,6 @@ def solve_local(
     blocks = range(0, pixels, size)
     in_threads(solve_block, blocks, threads, progress)
     return LocalSolution(energy, temperature, sigma, rows.astype(np.int16)[row], lighting)
-
-
-_PREPARED = WeakKeyDictionary()  # tiles share a model
-
-
-def _prepared(model):
-    """ReducedModel.of_all, faces.Tables as a plain tuple, and half, weight and mean as for
-    `simplex.solve`; made once for a model."""
-    if model not in _PREPARED:
-        of_t = model.half_k, model.prior_sigma_k**-2.0, model.prior_mean_k - model.mid_k
-        tables = faces.tables(model.gram, model.terms, *of_t)
-        _PREPARED[model] = *model.of_all(), tuple(tables), of_t
-    return _PREPARED[model]
 
 
 def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k):
@@ -254,7 +240,7 @@ def _without_bounds(
     s, squared = np.ones((PANEL, bands + 1, LANES)), np.ones((bands + 1, LANES))
     constants = np.empty((PANEL, rows, LANES))
     deflated = np.empty((linear.shape[1] - n - k, LANES))
-    work, pull = np.empty((4 * n + 2 * k + 6, LANES)), np.empty((k, LANES))
+    work, v_gradient = np.empty((4 * n + 2 * k + 6, LANES)), np.empty((k, LANES))
     for first in range(0, groups, PANEL):
         panel = min(PANEL, groups - first)
         for q in range(panel):
@@ -275,7 +261,7 @@ def _without_bounds(
                     tau[r, g, p] = start[min(g * LANES + p, pixels - 1)]
                 faces.solve_on_face(
                     h[r, g], constant[r, g], LANES, tables, r, 0, half, weight, mean, tau[r, g],
-                    work, value[r, g], curvature[r, g], v[r, g], pull,
+                    work, value[r, g], curvature[r, g], v[r, g], v_gradient,
                 )  # fmt: skip
                 faces.lower_bound(
                     tables, r, half, tau[r, g], work, value[r, g], curvature[r, g], v[r, g],
@@ -292,7 +278,7 @@ def _put_bounds(
     What is negative leaves the free V_j and what would lower J joins them, until all is well."""
     free, sets, count = tables[0], tables[1], len(todo)
     face, x = np.empty(count, np.int64), np.empty(count)
-    own, own_v, pull = np.empty((n + k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
+    own, own_v, v_gradient = np.empty((n + k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
     own_constant, own_x, own_value = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     own_curvature, work = np.empty(LANES), np.empty((4 * n + 2 * k + 6, LANES))
     for q in range(count):
@@ -323,7 +309,7 @@ def _put_bounds(
                 own_constant[p], own_x[p] = constant[g, i], x[q]
             faces.solve_on_face(
                 own, own_constant, whole, tables, r, f, half, weight, mean, own_x, work, own_value,
-                own_curvature, own_v, pull,
+                own_curvature, own_v, v_gradient,
             )  # fmt: skip
             for p in range(c):
                 q = those[p]
@@ -331,8 +317,8 @@ def _put_bounds(
                 held, joins, strongest = 0, 0, -PULL
                 for j in range(k):
                     held += (free[f, j] and own_v[j, p] >= 0.0) << j
-                    if not free[f, j] and pull[j, p] < strongest:
-                        joins, strongest = 1 << j, pull[j, p]
+                    if not free[f, j] and v_gradient[j, p] < strongest:
+                        joins, strongest = 1 << j, v_gradient[j, p]
                 inside = held == sets[f]
                 if own_value[p] == -np.inf:
                     face[q] = _NONE

@@ -41,6 +41,7 @@ sky has nothing to tune.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +53,7 @@ from ..environment import Environment
 from ..errors import InputError
 from ..library import MaterialLibrary
 from ..machinery import scratch
-from ..planck import brightness_temperature, noise_sigma, radiance
+from ..planck import brightness_temperature, noise_sigma, planck
 from ..prior import (
     MIN_TEMPERATURE_SPREAD_K,
     V_PRECISION,
@@ -60,6 +61,7 @@ from ..prior import (
     scene_temperatures,
     usual_temperature,
 )
+from . import faces
 
 PIXELS_PER_GROUP = 4096
 SERIES_TOLERANCE = 0.005  # noise units
@@ -124,6 +126,17 @@ class ReducedModel:
         u = np.concatenate([chebyshev.chebvander(tau, self.terms - 1), lighting], axis=1)
         return u @ self.forward[row]
 
+    @cached_property
+    def tables(self):
+        """faces.Tables of all hypotheses, as a plain tuple."""
+        return tuple(faces.tables(self.gram, self.terms, *self.of_t))
+
+    @property
+    def of_t(self):
+        """half, weight and mean, as `simplex.solve` takes them."""
+        return self.half_k, self.prior_sigma_k**-2.0, self.prior_mean_k - self.mid_k
+
+    @cached_property
     def of_all(self):
         """What takes (s, 1) to h and deflate' s, (R, r + d, bands + 1), and (s * s, 1) to the
         rest of J's constant with occam, (R, bands + 1)."""
@@ -153,7 +166,7 @@ def reduce_model(
     series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.curve]  # (R, n, bands)
     terms = series.shape[1]
     reflected = (1 - of.share)[:, None] * (1 - emissivity)  # what of the surroundings shows
-    a, u = _rows(of, series, reflected, environment, sigma, radiance(w, t.prior_mean))
+    a, u = _rows(of, series, reflected, environment, sigma, planck(w, t.prior_mean))
     error = noise_sigma(w, environment.error_k) / sigma
     scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
@@ -275,7 +288,7 @@ def groups(row):
 def _planck_series(nodes, emissivity, sigma, mid, half):
     """Chebyshev coefficient spectra (materials, n, bands) of the band mean of e B(T) / sigma."""
     grid = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
-    b = radiance(nodes, (mid + half * grid)[:, None, None])  # (T, bands, nodes)
+    b = planck(nodes, (mid + half * grid)[:, None, None])  # (T, bands, nodes)
     glow = np.einsum("mbn,tbn->tmb", emissivity, b) / nodes.shape[1] / sigma
     flat = glow.reshape(len(grid), -1)
     # at these points the polynomials are orthogonal: fewer terms are the same terms

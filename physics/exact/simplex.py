@@ -89,9 +89,9 @@ def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
             continue
         best = value
         curvature = gauss
-        bend = second if second > 0.5 * gauss else gauss
-        step = min(max(-gradient / bend, -1.0 - tau), 1.0 - tau)
-        if -step * (gradient + 0.5 * bend * step) < NATS:
+        hessian = second if second > 0.5 * gauss else gauss
+        step = min(max(-gradient / hessian, -1.0 - tau), 1.0 - tau)
+        if -step * (gradient + 0.5 * hessian * step) < NATS:
             break
         tau += step
     else:

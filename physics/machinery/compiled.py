@@ -1,6 +1,15 @@
 """Loops compiled by numba, kept on disk for the next process where there is room for that."""
 
+import hashlib
+from contextlib import suppress
+from pathlib import Path
+
 import numba
+
+_PHYSICS = Path(__file__).parents[1]
+_SOURCES = hashlib.sha256(
+    b"".join(path.read_bytes() for path in sorted(_PHYSICS.rglob("*.py")))
+).hexdigest()
 
 
 def compiled(**how):
@@ -9,8 +18,13 @@ def compiled(**how):
 
     def of(function):
         try:
-            return numba.njit(cache=True, **how)(function)
+            made = numba.njit(cache=True, **how)(function)
         except RuntimeError:  # numba finds no place
             return numba.njit(**how)(function)
+        with suppress(AttributeError):  # numba's own affair, that may change
+            # it looks for changes in the function's own file; what that calls is in others, too
+            file = made._cache._cache_file
+            file._source_stamp = file._source_stamp, _SOURCES
+        return made
 
     return of

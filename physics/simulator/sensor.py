@@ -17,7 +17,7 @@ from ..bands import quadrature
 from ..cube.heat_cube import check_wavelength
 from ..errors import InputError
 from ..machinery.threads import cores, in_threads
-from ..planck import noise_sigma, radiance
+from ..planck import noise_sigma, planck
 
 CELL_UM = 0.02  # between the wavelengths that a cell is averaged over, at most
 FLOOR_K = 100.0  # coldest black body that a reading can mean: 1e-3 of 300 K's light at most
@@ -75,4 +75,4 @@ def add_noise(clean, wavelength_um, netd_k, rng):
     """
     w = np.asarray(wavelength_um)[:, None, None]
     noisy = clean + noise_sigma(w, netd_k) * rng.standard_normal(np.shape(clean))
-    return np.maximum(noisy, radiance(w, FLOOR_K))
+    return np.maximum(noisy, planck(w, FLOOR_K))

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..machinery.compiled import compiled
-from ..planck import radiance
+from ..planck import planck
 from ..sky import sky_radiance
 from .trace import SKY
 
@@ -70,7 +70,7 @@ class Shader:
         else:
             mu = np.linspace(0, 1, SKY_ROWS) ** 2
             sky = bands.in_cells(lambda w: sky_radiance(w, mu, atmosphere))
-        glow = bands.in_cells(lambda w: radiance(w, t[:, None]))
+        glow = bands.in_cells(lambda w: planck(w, t[:, None]))
         return Shader(
             glow.astype(np.float32), float(coldest),
             (1 - emissivity).astype(np.float32),

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..library import SKY as SKY_NAME
 from ..machinery.array_file import load_arrays, save_arrays
 from ..machinery.threads import cores, in_threads
-from ..planck import radiance
+from ..planck import planck
 from ..sky import Atmosphere
 from ..truth import Truth
 from .daylight import daylight
@@ -104,7 +104,7 @@ class TracedScene:
 
         in_threads(render, range(len(spans)), cores(), progress)
 
-        floor = radiance(bands.wavelength_um[:, None], FLOOR_K)
+        floor = planck(bands.wavelength_um[:, None], FLOOR_K)
         for light in (s, x):
             np.copyto(light, floor, where=light < 0, casting="same_kind")
         sky = material == SKY
@@ -113,7 +113,7 @@ class TracedScene:
         e = bands.average(emissivity).T[:, np.where(sky, 0, material)].astype(np.float32)
         if sky.any():
             air = self.atmosphere.air_temperature_k
-            glow = bands.average(bands.in_cells(lambda w: radiance(w, air)))
+            glow = bands.average(bands.in_cells(lambda w: planck(w, air)))
             temperature_k[sky] = air
             e[:, sky] = np.minimum(x[:, sky] / glow[:, None], 1)
             x[:, sky] = 0

@@ -12,7 +12,7 @@ stays: of a gain of all bands nothing can be said where these are off.
 A curve of the library that is wrong leaves something in its own material alone. So each material's
 pixels count by their median, and each material alike; and two must be left to say so in the end.
 
-Wrong bands make wrong materials fit, which then explain them. So the noise is first taken to be
+Wrong bands make wrong materials fit, which then solve them. So the noise is first taken to be
 FIRST times as much as stated, and then, step by step, TIMES as much as what is left.
 """
 
@@ -31,20 +31,20 @@ LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
 MOST = 0.15  # that a logarithm of a gain may be
 
 
-def band_gains(cube, environment, explain, library, quarter):
+def band_gains(cube, environment, solve, library, quartile):
     """Calibration of a HeatCube by the gains of its bands; None where one material alone is left.
 
-    explain  (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
+    solve  (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
              residual are used
-    quarter  residual of pixels, in noise units -> that of those that fit best
+    quartile  residual of pixels, in noise units -> that of those that fit best
     """
     log_gain = kept = np.zeros(cube.bands)
     noise, least, at = FIRST, np.inf, 0
     for _ in range(STEPS):
         found = Calibration(noise=noise, bands=tuple(np.exp(log_gain).tolist()))
         surroundings, part = corrected_environment(environment, found), corrected(cube, found)
-        maps = explain(surroundings, part)
-        left = quarter(maps) * part.netd_k / cube.netd_k
+        maps = solve(surroundings, part)
+        left = quartile(maps) * part.netd_k / cube.netd_k
         at += left > HELPS * least
         if left > least:  # the step is taken back
             log_gain = kept

@@ -15,12 +15,12 @@ that was stated, all is well. If not, it may be the bands among each other, if w
 own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
 times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just
 fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
-T, to which all bands add up, may be off at once by DOUBT times as much.
+T, to which all bands add up, may be off at once by SHARED times as much.
 
 Where no sky is in view, all this but the air is looked at without a sky, and whether pixels are
-likelier with one that is assumed (`under_a_sky`) before it is looked at with that. Where the
+likelier with one that is assumed (`sky_is_likelier`) before it is looked at with that. Where the
 environment is given no gain, offset or air is looked for, but whether the environment is off
-(`of_given`).
+(`error_of_given`).
 
 The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
 cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,
@@ -61,7 +61,7 @@ RISE = 0.1  # more than that, and it is not right
 AIR_LEAVES = 0.5
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
-DOUBT = 1.5  # times that, by which T is misled, in all pixels of a material alike
+SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
 LEAST_MATERIALS = 2  # to choose from
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
 # K that are tried, and nats per pixel: in four scenes outside the test sets surroundings that were
@@ -99,7 +99,7 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
             found, misfit = likelier, left
             break
     if misfit > just + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
-        evened = band_gains(part, environment, scene.maps, library, scene.quarter)
+        evened = band_gains(part, environment, scene.maps, library, scene.quartile)
         if evened is not None and (less := scene.left(evened)) <= just:
             found, misfit = evened, less
     return _with_noise(found, misfit, cube)
@@ -153,11 +153,11 @@ def _with_noise(found, misfit, cube):
     share = min((misfit - just) / RAMP, 1.0)
     most, all_of_it = MAX_NETD_K / cube.netd_k, misfit * (MORE_OF_FEW if _few(cube) else MORE)
     noise = min(round(all_of_it**share, 3), most)
-    doubt = min(DOUBT * share**0.5 * all_of_it, most)
-    return found._replace(noise=noise, misfit=misfit, doubt=doubt) if noise > 1 else found
+    shared = min(SHARED * share**0.5 * all_of_it, most)
+    return found._replace(noise=noise, misfit=misfit, shared=shared) if noise > 1 else found
 
 
-def under_a_sky(cube, environment, found, under_sky, look, library, left_out=None):
+def sky_is_likelier(cube, environment, found, under_sky, look, library, left_out=None):
     """Whether the pixels of a HeatCube without sky in view are likelier by SKY_WORTH in an
     Environment with a sky that is assumed than in the one without, in which the camera was found
     to be of a Calibration; other arguments as of `calibration`.
@@ -168,8 +168,8 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
     part = _sample(cube, left_out)
     if part is None:
         return False
-    alike, found = {}, found._replace(noise=1.0, misfit=1.0, doubt=0.0)
-    seen = np.flatnonzero(~library.mirrors(cube.wavelength_um))
+    alike, found = {}, found._replace(noise=1.0, misfit=1.0, shared=0.0)
+    seen = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
     if len(seen) < LEAST_MATERIALS:
         return False
     without, under = losses({
@@ -179,7 +179,7 @@ def under_a_sky(cube, environment, found, under_sky, look, library, left_out=Non
     return bool(without - under >= SKY_WORTH)
 
 
-def of_given(cube, environment, look, library, left_out=None):
+def error_of_given(cube, environment, look, library, left_out=None):
     """Of an Environment that was taken elsewhere or at another time than a HeatCube: the
     Calibration, of the noise alone, and K by which the Environment is likely off, 0 if it is not.
     Arguments as of `calibration`.
@@ -224,7 +224,7 @@ class _Scene(NamedTuple):
             return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)
 
-    def quarter(self, maps):
+    def quartile(self, maps):
         """What is left, in noise units, even of the ground's pixels that fit best."""
         residual = maps["residual"][maps["material"] != self.library.sky_index]
         residual = residual[np.isfinite(residual)]
@@ -238,7 +238,7 @@ class _Scene(NamedTuple):
             noisy = c._replace(noise=noise)
             taken = corrected(self.part, noisy)
             maps = self.maps(corrected_environment(self.environment, noisy), taken)
-            return self.quarter(maps) * (taken.netd_k / stated)
+            return self.quartile(maps) * (taken.netd_k / stated)
 
         return _left(at, rises=_few(self.part))
 

@@ -26,7 +26,7 @@ class Calibration(NamedTuple):
     gain, offset_k  of all bands together, the offset in K at 300 K
     noise    factor on the stated NETD
     misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
-    doubt    error that all bands may share for it, in stated noise units
+    shared   error that all bands may share for it, in stated noise units
     bands    their gains among each other; () if they agree
     air      Air between scene and camera; None if there is too little to tell
     """
@@ -35,14 +35,14 @@ class Calibration(NamedTuple):
     offset_k: float = 0.0
     noise: float = 1.0
     misfit: float = 1.0
-    doubt: float = 0.0
+    shared: float = 0.0
     bands: tuple[float, ...] = ()
     air: Air | None = None
 
     @property
     def keeps_radiance(self):
         """Whether nothing is wrong but the noise."""
-        return self._replace(noise=1.0, misfit=1.0, doubt=0.0) == RIGHT
+        return self._replace(noise=1.0, misfit=1.0, shared=0.0) == RIGHT
 
     def of_bands(self, n):
         """(n,) the gains among each other of so many bands."""
@@ -101,7 +101,7 @@ def _offset_and_gain(wavelength_um, c):
     offset, gain = noise_sigma(wavelength_um, c.offset_k), c.gain * c.of_bands(len(wavelength_um))
     if c.air is None:
         return offset, gain
-    return offset + gain * np.array(c.air.glow), gain * np.array(c.air.transmittance)
+    return offset + gain * np.array(c.air.path_radiance), gain * np.array(c.air.transmittance)
 
 
 def _corrected(radiance, offset, gain):

@@ -115,6 +115,8 @@ def losses(all_nats, typical=None):
 def lowest(below, at, above):
     """Where parabolas through values at -1, 0 and 1 are least, within these; 0 where they are
     straight lines, or the wrong way up."""
-    bend = np.asarray(below - 2 * at + above)
-    slope = np.divide(below - above, 2 * bend, out=np.zeros(bend.shape), where=bend > 0)
-    return np.clip(slope, -1, 1)
+    curvature = np.asarray(below - 2 * at + above)
+    minimum = np.divide(
+        below - above, 2 * curvature, out=np.zeros(curvature.shape), where=curvature > 0
+    )
+    return np.clip(minimum, -1, 1)

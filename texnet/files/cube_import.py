@@ -5,8 +5,9 @@ ENVI: `.hdr` beside its binary; see `envi`. The unit of radiance is the caller's
 HADAR `.mat` (up to v7): `S` or `HSI`, height x width x bands, W m-2 sr-1 per cm-1. The bands are
 not in the file, so the caller states them: equidistant in wavenumber, in the file's order.
 
-TeX-1500 `.mat` or `.npz`: a cube of either axis order, wavelengths in um, and the indices of good
-bands; the first key of each of the lists below that is there. The unit is the caller's to say.
+TeX-1500 `.mat` or `.npz`: a cube of either axis order, wavelengths in um, of all its bands or of
+the good ones alone, and these bands' indices or a mask; of the lists of keys below the first that
+is there, of wavelengths the first that fits. The unit is the caller's to say.
 
 `.npy`: (bands, height, width); bands and unit are the caller's to say.
 
@@ -168,37 +169,69 @@ def _read_npz(path, unit):
 def _tex1500(path, held, arrays, load):
     """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
     its cube."""
-    keys = _first(CUBE, held), _first(WAVELENGTH, arrays), _first(GOOD_BANDS, arrays)
-    cube, wavelength, indices = keys
-    if cube is None or wavelength is None:
+    cube, indices = _first(CUBE, held), _first(GOOD_BANDS, arrays)
+    found = {key: _real(arrays[key], key, path).ravel() for key in WAVELENGTH if key in arrays}
+    if cube is None or not found:
         raise InputError(
             f"cube: {path} must hold a cube ({', '.join(CUBE)}, or, of HADAR, S) and, but for "
             f"HADAR, its wavelengths in um ({', '.join(WAVELENGTH)}); it holds "
             f"{', '.join(held) or 'nothing'}."
         )
-    s, w = load(cube), _real(arrays[wavelength], wavelength, path).ravel()
-    if s is None or s.ndim != 3 or (s.shape[0] == w.size) == (s.shape[2] == w.size):
+    listed = None
+    if indices is not None:
+        mask = arrays[indices].dtype == bool
+        listed = arrays[indices].ravel() if mask else _real(arrays[indices], indices, path).ravel()
+    s = load(cube)
+    wavelength, axis, of_good = _where(s, found, listed)
+    w = found[wavelength]
+    if axis is None:
         shape = "no array" if s is None else " x ".join(map(str, s.shape))
         both = s is not None and s.ndim == 3 and s.shape[0] == w.size
         raise InputError(
             f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) "
             f"{'may be' if both else 'are not'} either its first axis or its last."
         )
-    first = s.shape[0] == w.size
-    s = s if first else s.transpose(2, 0, 1)
-    axes = "bands x height x width" if first else "height x width x bands"
+    s = np.moveaxis(s, axis, 0)
+    axes = "height x width x bands" if axis else "bands x height x width"
     words, good = [], None
-    if indices is not None:
-        good, words = _good_bands(_real(arrays[indices], indices, path).ravel(), indices, w.size)
+    if listed is not None:
+        good, words = _good_bands(listed, indices, len(s))
+    if of_good:
+        centre = np.zeros(len(s))  # of bad bands they are not known
+        centre[good] = w
+        w, words = centre, [*words, f"{wavelength} is of these alone"]
     what = f"TeX-1500 {path.suffix}, {cube} ({axes}) over {wavelength}"
     return RawCube(what, lambda: s, w, good=good, words=tuple(words))
 
 
-def _good_bands(indices, key, bands):
-    """((bands,) bool, words) of a list of indices, which count from 0."""
-    count_from = 1 if indices.size and indices.min() >= 1 and indices.max() == bands else 0
-    good = np.isin(np.arange(bands) + count_from, indices)
-    if np.count_nonzero(good) != indices.size:
+def _where(s, found, listed):
+    """(key, axis, alone) of a cube s, of wavelengths by key and of the good bands as listed: the
+    first wavelengths that fit one of its ends, else those of the good bands alone, where bands lie
+    along the shorter end, if both are long enough. axis is None where nothing fits."""
+    first, ends = next(iter(found)), {}
+    if s is not None and s.ndim == 3:
+        ends = {0: s.shape[0], 2: s.shape[2]}
+    for key, w in found.items():
+        if list(ends.values()).count(w.size) == 1:
+            return key, next(a for a, size in ends.items() if size == w.size), False
+    if first in found and found[first].size in ends.values() or listed is None or not listed.size:
+        return first, None, False
+    mask = listed.dtype in (bool, np.uint8)
+    for axis, size in sorted(ends.items(), key=lambda end: end[1]):
+        fits = listed.size == size if mask else listed.max() <= size
+        for key, w in found.items():
+            if fits and w.size == (np.count_nonzero(listed) if mask else listed.size):
+                return key, axis, True
+    return first, None, False
+
+
+def _good_bands(listed, key, bands):
+    """((bands,) bool, words) of a mask of bands, or a list of indices, which count from 0."""
+    if listed.dtype in (bool, np.uint8) and listed.size == bands and set(listed) <= {0, 1}:
+        return listed.astype(bool), [f"{key} is a mask"]
+    count_from = 1 if listed.size and listed.min() >= 1 and listed.max() == bands else 0
+    good = np.isin(np.arange(bands) + count_from, listed)
+    if np.count_nonzero(good) != listed.size:
         raise InputError(f"cube: {key} must hold indices of its {bands} bands, each once.")
     return good, [f"{key} counts from {count_from}"]
 

@@ -7,7 +7,8 @@ bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a
 ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
 
 The format has no word for the radiance's unit, but some write one, as data units or units: it is
-taken if it is a name in `raw_cube.UNITS`. The header's sizes are held against the binary's
+taken if it is a name in `raw_cube.UNITS`. A unit of wavelength that is not known is told by the
+values. The header's sizes are held against the binary's
 before anything is read.
 
 A spectral library has a line a spectrum and a sample a band, spectra names, and y axis title.
@@ -31,8 +32,11 @@ ORDERS = {  # in the file, slowest first, of (bands, lines, samples)
     "bsq": (0, 1, 2), "bil": (1, 0, 2), "bip": (1, 2, 0),
 }  # fmt: skip
 AXES = {
-    "um": ("micrometers", "micrometer", "microns", "micron", "um", "\u00b5m", "\u03bcm"),
-    "nm": ("nanometers", "nanometer", "nm"),
+    "um": (
+        "micrometers", "micrometer", "micrometres", "micrometre", "microns", "micron", "um",
+        "\u00b5m", "\u03bcm",
+    ),
+    "nm": ("nanometers", "nanometer", "nanometres", "nanometre", "nm"),
     "cm-1": (
         "wavenumber", "wavenumbers", "cm-1", "cm^-1", "1/cm", "wavenumber (cm-1)",
         "wavenumber (cm^-1)",
@@ -42,6 +46,7 @@ AXES = {
 THERMAL = {"um": (5.0, 20.0), "nm": (5e3, 2e4), "cm-1": (500.0, 2000.0)}
 BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc", ".sli")  # suffixes
 CUBES, LIBRARIES = ("envi", "envi standard"), ("envi spectral library",)  # types of files
+UNIT_KEYS = "data units", "radiance data units", "units"
 ABSENT = ("file compression", "major frame offsets", "minor frame offsets")  # or zero
 MOST_HEADER = 1 << 24  # bytes
 
@@ -66,7 +71,7 @@ def read_envi(path):
     if axis is None:
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored(dtype)
-    said = header.word("data units", header.word("units", ""))
+    said = next((header.word(key) for key in UNIT_KEYS if key in header.fields), "")
     return RawCube(
         f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, _unit(said), gain,
         offset, good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint,
@@ -76,10 +81,14 @@ def read_envi(path):
 
 def _unit(said):
     """The key of UNITS that a header's word for it means, such as uW/(cm^2*sr*nm); else None."""
-    plain = re.sub(r"[\s^]", "", said.lower()).translate({0xB5: "u", 0x3BC: "u"})
+    plain = said.lower().strip("{} ").translate({0xB5: "u", 0x3BC: "u"})
+    # as in m^-2 sr^-1, but no cm^-1: that is a wavenumber
+    plain = re.sub(r"[\s*.]+(m|cm)\^?-2\b", r"/\g<1>2", plain)
+    plain = re.sub(r"[\s*.]+(sr|um|nm)\^?-1\b", r"/\1", plain)
+    plain = re.sub(r"[\s^]", "", plain)
     plain = re.sub(r"/\(([^()]*)\)", lambda below: "/" + below[1].replace("*", "/"), plain)
     plain = re.sub("[()]", "", plain)
-    return next((u for u in UNITS if u.lower() == plain), None)
+    return next((u for u in UNITS if plain in (u.lower(), f"{u.lower()}s")), None)
 
 
 class Spectra(NamedTuple):
@@ -87,7 +96,8 @@ class Spectra(NamedTuple):
 
     names     of the spectra;  values  (spectra, bands) float64, NaN where nothing was measured
     centre    (bands,) in axis: "um", "nm" or "cm-1"
-    quantity  y axis title
+    quantity  y axis title, or the second of the z plot titles
+    scaled    whether a factor of the header was applied
     """
 
     names: tuple[str, ...]
@@ -95,6 +105,7 @@ class Spectra(NamedTuple):
     centre: np.ndarray
     axis: str
     quantity: str
+    scaled: bool
 
 
 def read_spectra(path):
@@ -105,14 +116,14 @@ def read_spectra(path):
     """
     header, binary = _pair(Path(path), "library")
     dtype, _, numbers, _ = _numbers(header, binary, LIBRARIES)
-    gain, offset, _ = _scale(header, 1)
+    gain, offset, scaled = _scale(header, 1)
     raw = numbers()
     if len(raw) != 1:
         raise header.error(f"bands must be 1 in a spectral library, not {len(raw)}")
     values = np.where(
         raw[0] == header.ignored(dtype), np.nan, gain * raw[0].astype(np.float64) + offset
     )
-    names = header.word("spectra names").strip("{} ").split(",")
+    names = header.word("spectra names").strip("{}, ").split(",")
     centre = header.numbers("wavelength", values.shape[1])
     axis, _ = header.axis(centre)
     if len(names) != len(values):
@@ -122,7 +133,9 @@ def read_spectra(path):
             "it must have wavelength, and wavelength units: Micrometers, Nanometers or Wavenumber"
         )
     names = tuple(name.strip() for name in names)
-    return Spectra(names, values, centre, axis, header.word("y axis title", ""))
+    titles = header.word("z plot titles", "").strip("{} ").partition(",")
+    quantity = header.word("y axis title", titles[2].strip())
+    return Spectra(names, values, centre, axis, quantity, bool(scaled))
 
 
 def _pair(path, of):
@@ -204,7 +217,7 @@ def _scale(header, bands):
     """(gain, offset, words) per band."""
     gain, offset = (header.numbers(f"data {key} values", bands) for key in ("gain", "offset"))
     factor = header.numbers("reflectance scale factor", 1)
-    if factor is None:
+    if factor is None or factor[0] == 1:
         words = ["data gain and offset values applied"] * (gain is not None or offset is not None)
     elif gain is not None or offset is not None:
         raise header.error(
@@ -257,14 +270,18 @@ class _Header:
         return text
 
     def axis(self, centre):
-        """Of its wavelengths, centre: "um", "nm" or "cm-1", and words on it if it is not said but
-        can be one alone; else None."""
+        """Of its wavelengths, centre: "um", "nm" or "cm-1", and words on it if it is not said, or
+        not by a name that is known, but can be one alone; else None."""
         said = self.word("wavelength units", "").lower()
-        if said not in ("", "unknown") or centre is None:
-            return next((axis for axis, names in AXES.items() if said in names), None), []
+        named = next((axis for axis, names in AXES.items() if said in names), None)
+        if named or centre is None or said == "index":
+            return named, []
+        bbl = self.numbers("bbl", centre.size)  # a bad band's centre may be anything
+        centre = centre if bbl is None or not bbl.any() else centre[bbl != 0]
         for axis, (low, high) in THERMAL.items():
             if low <= centre.min() and centre.max() <= high:
-                return axis, [f"wavelengths taken to be in {axis}, since their unit is not stated"]
+                why = f"{said[:60]!r} is no unit that is known" if said else "their unit is missing"
+                return axis, [f"wavelengths taken to be in {axis}, since {why}"]
         return None, []
 
     def ignored(self, dtype):
@@ -285,10 +302,11 @@ class _Header:
         return int(text)
 
     def numbers(self, key, count=None):
-        """(count,) finite numbers of a list or of one number; None if the field is missing."""
-        if key not in self.fields:
+        """(count,) finite numbers of a list or of one number; None if the field is missing, or
+        empty."""
+        words = re.sub("[{},]", " ", self.fields.get(key, "")).split()
+        if not words:
             return None
-        words = self.fields[key].replace("{", " ").replace("}", " ").replace(",", " ").split()
         try:
             numbers = np.array([float(word) for word in words])
         except ValueError:

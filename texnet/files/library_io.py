@@ -13,7 +13,7 @@ ENVI spectral libraries, a `.hdr` beside a binary (`.sli`): see `envi`. Their y 
 whether they hold emissivity or hemispherical reflectance; what no spectrum has within 7 to 15 um
 is left out.
 
-`.csv`: a `text_table` with one column a material, emissivity 0..1.
+`.csv`: a `text_table` with one column a material, emissivity 0..1, of which 7 to 15 um are taken.
 """
 
 import re
@@ -36,6 +36,8 @@ TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 
 PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
 LAYOUT = {"matLib": "bands x materials", "emiLib": "materials x bands"}
 KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
+# of vegetation the shorter wavelengths are bidirectional, those of TEXT_RANGE_UM hemispherical
+BIDIRECTIONAL = re.compile("bi-?directional(?! and (directional )?hemispherical)", re.I)
 
 
 def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=False):
@@ -72,7 +74,7 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     except OSError as error:
         raise InputError(f"library: cannot read {path}: {error.strerror or error}.") from error
     names, words_on_sky = _named_sky(names, sky)
-    e, clipped = _within_0_and_1(e, names)
+    e, clipped = _within_0_and_1(e, names, w)
     library = MaterialLibrary(names, w, e, descriptions=sources)
     if add_sky and SKY in names:
         raise InputError(f"library: it has a material {SKY!r} already; leave out --add-sky.")
@@ -203,6 +205,11 @@ def _mat_table(path):
 
 def _read_csv(path):
     names, w, e, words = read_table(path, "library", "material")
+    low, high = TEXT_RANGE_UM
+    inside = (w >= low) & (w <= high)
+    if 2 <= np.count_nonzero(inside) < w.size:
+        w, e = w[inside], e[:, inside]
+        words.append(f"those of {w[0]:.4g}-{w[-1]:.4g} um taken")
     _check_gaps(w, path, f"give rows at most {MAX_GAP_UM:g} um apart")
     return names, w, e, [f"From {path.name}."] * len(names), words
 
@@ -217,6 +224,11 @@ def _read_envi(path):
         raise InputError(
             f"library: {path.name} does not say whether it holds emissivity or reflectance; write "
             "y axis title = Emissivity, or Reflectance if it is hemispherical, into its header."
+        )
+    if BIDIRECTIONAL.search(said):
+        raise InputError(
+            f"library: {path.name} holds {spectra.quantity!r}, but emissivity follows only from "
+            "hemispherical reflectance; take another."
         )
     order, w, moved = ascending(spectra.centre, spectra.axis, "library")
     low, high = TEXT_RANGE_UM
@@ -233,7 +245,8 @@ def _read_envi(path):
         raise InputError(
             f"library: no spectrum of {path.name} is whole from {w[0]:.4g} to {w[-1]:.4g} um."
         )
-    values = values * (0.01 if re.search("percent|%", said) else 1.0)
+    percent = re.search("percent|%", said) and not spectra.scaled
+    values = values * (0.01 if percent else 1.0)
     e = values if "emiss" in said else 1 - values
     words = [
         f"ENVI spectral library of {spectra.quantity.lower()}"
@@ -252,7 +265,7 @@ def _read_envi(path):
 
 
 class NotThermal(InputError):
-    """A spectrum of another part of the spectrum."""
+    """A spectrum of another part of the spectrum, or none."""
 
 
 def _read_texts(path):
@@ -305,7 +318,7 @@ def _read_texts(path):
     skipped = sum(n for _, _, _, n in spectra)
     if elsewhere:
         there = f"{TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um"
-        words.append(f"nothing of {there} in {', '.join(elsewhere)}: left out")
+        words.append(f"no spectrum of {there} in {', '.join(elsewhere)}: left out")
     if skipped:
         words.append(f"{skipped} rows skipped that are no two positive numbers")
     return names, grid, e, sources, words
@@ -313,10 +326,24 @@ def _read_texts(path):
 
 def _read_text(path):
     """(name, wavelength in um ascending, reflectance 0..1, bad rows) of a spectrum file."""
-    lines = path.read_text(encoding="iso-8859-1").splitlines()
+    raw = path.read_bytes()
+    try:
+        lines = raw.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        lines = raw.decode("iso-8859-1").splitlines()
     matches = [(i, m) for i, line in enumerate(lines) if (m := KEY.match(line))]
+    # By the last key, because descriptions run over lines and the number of keys varies.
+    first = matches[-1][0] + 1 if matches else 0
+    rows = [line.split() for line in lines[first:] if line.strip()]
+    numbers = [[number(cell) for cell in row] for row in rows]
+    pairs = [row for row in numbers if len(row) == 2 and None not in row]
+    if not pairs:
+        raise NotThermal(f"library: {path.name} holds no spectrum; leave this file out.")
     if not matches:
-        raise InputError(f"library: {path.name} has no 'key: value' lines, so no units.")
+        raise InputError(
+            f"library: {path.name} has no 'key: value' lines, so no units; give it as .csv (see "
+            "docs/files.md)."
+        )
     header = {}
     for _, match in matches:
         header.setdefault(" ".join(match[1].lower().split()), match[2].strip())
@@ -327,16 +354,28 @@ def _read_text(path):
         return header[key.lower()]
 
     name, x_units, y_units, measured = map(say, ("Name", "X Units", "Y Units", "Measurement"))
+    if re.search(r"\bmicro|\b[uµμ]m\b", x_units, re.I) is None:
+        raise InputError(
+            f"library: {path.name} has X Units {x_units!r}; only micrometers are known here."
+        )
+    good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # less marks what is not measured
+    # Instruments that meet at one wavelength both give it: their mean.
+    w, where = np.unique([row[0] for row in good], return_inverse=True)
+    r = np.bincount(where, [row[1] for row in good]) / np.bincount(where)
+    low, high = TEXT_RANGE_UM
+    inside = (w >= low) & (w <= high)
+    if np.count_nonzero(inside) < 2:
+        covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
+        raise NotThermal(
+            f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
+            "leave this file out."
+        )
     if re.search("hemispherical.*reflectance", measured, re.I) is None or re.search(
-        "bi-?directional|transmi", measured + y_units, re.I
+        f"{BIDIRECTIONAL.pattern}|transmi", measured + y_units, re.I
     ):
         raise InputError(
             f"library: {path.name} holds {measured!r} in {y_units!r}, but emissivity follows only "
             "from hemispherical reflectance; leave this file out."
-        )
-    if re.search(r"\bmicro|\b[uµ]m\b", x_units, re.I) is None:
-        raise InputError(
-            f"library: {path.name} has X Units {x_units!r}; only micrometers are known here."
         )
     if re.search("percent|%", y_units, re.I):
         scale = 0.01
@@ -347,24 +386,7 @@ def _read_text(path):
             f"library: {path.name} has Y Units {y_units!r}; write 'Reflectance (percent)' or "
             "'Reflectance (fraction)'."
         )
-
-    # By the last key, because descriptions run over lines and the number of keys varies.
-    rows = [line.split() for line in lines[matches[-1][0] + 1 :] if line.strip()]
-    numbers = [[number(cell) for cell in row] for row in rows]
-    pairs = [row for row in numbers if len(row) == 2 and None not in row]
-    good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # less marks what is not measured
-    # Instruments that meet at one wavelength both give it: their mean.
-    w, where = np.unique([row[0] for row in good], return_inverse=True)
-    r = scale * np.bincount(where, [row[1] for row in good]) / np.bincount(where)
-    low, high = TEXT_RANGE_UM
-    inside = (w >= low) & (w <= high)
-    if np.count_nonzero(inside) < 2:
-        covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
-        raise (NotThermal if w.size else InputError)(
-            f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
-            "leave this file out."
-        )
-    w, r = w[inside], r[inside]
+    w, r = w[inside], scale * r[inside]
     _check_gaps(w, path.name, "leave this file out")
     return name, w, r, len(rows) - len(good)
 
@@ -403,16 +425,20 @@ def _named_sky(names, sky):
     return [SKY if n == sky else n for n in names], [f"{sky!r} is the sky"]
 
 
-def _within_0_and_1(e, names):
-    """e clipped to 0..1 where it is off by no more than CLIP, and words on that."""
+def _within_0_and_1(e, names, w):
+    """e (materials, bands) at w, um, clipped to 0..1 where it is off by no more than CLIP, and
+    words on that."""
     excess = np.maximum(e - 1, -e)
     worst = np.nan_to_num(excess, nan=np.inf).max(axis=1)
     if worst.max() > CLIP + 1e-9:  # 1.02 - 1 is more than 0.02
         i = int(np.argmax(worst))
-        percent = "; divide it by 100 if it is in percent" if 2 < e[i].max() <= 100 else ""
+        percent = ""
+        if 2 < e[i].max() <= 100 or -100 <= e[i].min() < -1:  # itself, or 1 - reflectance
+            percent = "; divide the file's numbers by 100 if they are in percent"
+        at = w[np.argmax(np.nan_to_num(excess[i], nan=np.inf))]
         raise InputError(
-            f"library: emissivity of {names[i]} spans {e[i].min():g} to {e[i].max():g}; "
-            f"it must be finite and within 0..1, or off by {CLIP:g} at most{percent}."
+            f"library: emissivity of {names[i]} spans {e[i].min():g} to {e[i].max():g}, worst at "
+            f"{at:.4g} um; it must be finite and within 0..1, or off by {CLIP:g} at most{percent}."
         )
     n = np.count_nonzero(excess > 0)
     words = [f"{n} values up to {worst.max():.2g} outside 0..1 clipped"] if n else []

@@ -27,11 +27,13 @@ from .wavelengths import PER_UM, ascending, in_um
 UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "W/m2/sr/um": (1.0, False),
     "mW/m2/sr/um": (1e-3, False),
-    "uW/cm2/sr/um": (1e-2, False),
     "microflick": (1e-2, False),
+    "uW/cm2/sr/um": (1e-2, False),
     "W/cm2/sr/um": (1e4, False),
     "mW/cm2/sr/um": (10.0, False),
     "uW/cm2/sr/nm": (10.0, False),  # usual of ENVI and FLAASH
+    "nW/cm2/sr/nm": (1e-2, False),
+    "mW/m2/sr/nm": (1.0, False),
     "W/m2/sr/cm-1": (1.0, True),
     "mW/m2/sr/cm-1": (1e-3, True),
     "W/cm2/sr/cm-1": (1e4, True),
@@ -42,6 +44,7 @@ USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
 ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
 UNEVEN_K = 2.5  # or less is their deviation in the EVENEST of the pixels of a scene
 EVENEST = 0.1
+THIN = 0.05  # or less are bands as wide as they are apart where the unit of widths is wrong
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 
@@ -144,11 +147,25 @@ def heat_cube(raw, netd_k=None, progress=None):
         *said_of_bands,
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
+    warning += _thin(fwhm, w)
     cube = HeatCube(radiance, w, fwhm, raw.netd_k if netd_k is None else netd_k)
     if dead := int(np.count_nonzero(cube.dead)):
         share = f" ({dead / cube.dead.size:.0%})" if dead > 0.01 * cube.dead.size else ""
         words.append(f"{dead} pixel{'s' * (dead > 1)}{share} without a measurement, to be unknown")
     return cube, "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
+
+
+def _thin(fwhm, w):
+    """A warning where bands are far narrower than they are apart; else ""."""
+    if fwhm is None or len(w) < 2:
+        return ""
+    width, apart = np.median(fwhm), np.median(np.diff(w))
+    if not 0 < width < THIN * apart:
+        return ""
+    return (
+        f"\nWarning: bands are {width:.2g} um wide and {apart:.2g} um apart; are their widths in "
+        "the unit of the wavelengths?"
+    )
 
 
 def _kept_bands(raw, bands):
@@ -236,9 +253,11 @@ def _typical_k(radiance, w, unit):
     kelvin = _like_kelvin(s / _to_our_unit(unit, jacobian))
     if USUAL_K[0] <= here <= USUAL_K[1]:
         return f"{here:.0f} K", (kelvin and f"\nWarning: {kelvin}") or uneven
-    # by factor, so that two names of one unit are one
-    fit = {UNITS[u]: (u, t) for u in UNITS if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
-    fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.values()) or "no unit that is known fits"
+    names = {factor: u for u, factor in reversed(UNITS.items())}  # of two for one unit the first
+    fit = {
+        u: t for u in reversed(names.values()) if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]
+    }
+    fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         return f"{here:.0f} K", (
             f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})? {kelvin}"

@@ -8,7 +8,7 @@ unknown or have a sigma that covers the error, and few others are unknown.
 import numpy as np
 
 from physics.machinery import scratch
-from physics.planck import noise_sigma, radiance, radiance_derivative
+from physics.planck import noise_sigma, planck, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
@@ -55,7 +55,7 @@ def fits(residual, bands):
     return residual**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5
 
 
-def unsure(maps, noise, misfit, bands):
+def unreliable(maps, noise, misfit, bands):
     """Which pixels (height, width) of maps by name are unknown because the noise was taken to be
     so many times as much as stated, misfit being what is left of those that fit best, in noise
     units as stated: what fits clearly worse, though not for noise, or is not likely enough."""
@@ -92,14 +92,14 @@ def sigma_among_neighbours(sigma, temperature, material):
     return out
 
 
-def doubt_k(c, cube):
+def shared_error_k(c, cube):
     """By how much the radiance of a corrected cube may still be off in all pixels together, K at
     300 K: by what fitted nothing, and a share of what the bands were corrected by."""
-    unfit = c.doubt * cube.netd_k / c.noise
+    unfit = c.shared * cube.netd_k / c.noise
     if c.keeps_radiance:
         return unfit
     w = cube.wavelength_um
-    off = (c.of_bands(cube.bands) - 1) * radiance(w, 300.0) / radiance_derivative(w, 300.0)
+    off = (c.of_bands(cube.bands) - 1) * planck(w, 300.0) / planck_derivative(w, 300.0)
     return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + unfit**2))
 
 
@@ -111,8 +111,8 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
     if not np.isfinite(temperature).any():
         return sigma
     t = np.arange(max(np.nanmin(temperature), 1.0), np.nanmax(temperature) + GRID_K, GRID_K)
-    off, slope = noise_sigma(wavelength_um, error_k), radiance_derivative(wavelength_um, t[:, None])
-    gain = off / radiance(wavelength_um, 300.0) * radiance(wavelength_um, t[:, None])
+    off, slope = noise_sigma(wavelength_um, error_k), planck_derivative(wavelength_um, t[:, None])
+    gain = off / planck(wavelength_um, 300.0) * planck(wavelength_um, t[:, None])
     moved = np.maximum((off / slope).mean(axis=1), (gain / slope).mean(axis=1))
     out = scratch.empty(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
@@ -137,8 +137,8 @@ def with_level_error(sigma, maps, library, cube):
         t = np.maximum(maps["temperature_k"][part], 1.0)
         along, square = np.zeros(t.shape), np.full(t.shape, np.finfo(np.float64).tiny)
         for b, (w, noise) in enumerate(zip(cube.wavelength_um, cube.sigma, strict=True)):
-            slope = curves[material, b] * radiance_derivative(w, t) / noise
-            along += slope * (radiance(w, t) - maps["texture"][b, part]) / noise
+            slope = curves[material, b] * planck_derivative(w, t) / noise
+            along += slope * (planck(w, t) - maps["texture"][b, part]) / noise
             square += slope**2
         moved = np.minimum(np.abs(level[material] * along / square), MIN_TEMPERATURE_SPREAD_K)
         out[part] = np.hypot(sigma[part], np.where(level[material] > 0, moved, 0.0))

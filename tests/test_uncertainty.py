@@ -12,22 +12,22 @@ from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
-from physics.planck import brightness_temperature, noise_sigma, radiance
+from physics.planck import brightness_temperature, noise_sigma, planck
 from texnet.cli import main
-from texnet.doubt import (
+from texnet.files.cube_io import write_cube
+from texnet.files.library_io import with_sky
+from texnet.pipeline import decompose
+from texnet.uncertainty import (
     ROWS,
     SCATTER,
     SCATTER_OF_MATERIALS,
     local_trust,
     sigma_among_neighbours,
     smooth_trust,
-    unsure,
+    unreliable,
     with_calibration_error,
     with_level_error,
 )
-from texnet.files.cube_io import write_cube
-from texnet.files.library_io import with_sky
-from texnet.pipeline import decompose
 
 
 @settings(deadline=None, max_examples=20)
@@ -66,14 +66,14 @@ def test_a_calibration_error_is_what_moves_t(t, e, share):
     """An offset below 300 K, a gain above it, of what the surroundings radiate, too, moves T of any
     grey body by this sigma; whichever moves it less is held, too."""
     w = np.linspace(8, 14, 30)
-    light, small = radiance(w, t - 20), noise_sigma(w, 1e-3)
+    light, small = planck(w, t - 20), noise_sigma(w, 1e-3)
 
     def moved_by(seen):
-        s = seen(e * radiance(w, t) + (1 - e) * light) - (1 - e) * seen(light)
+        s = seen(e * planck(w, t) + (1 - e) * light) - (1 - e) * seen(light)
         return brightness_temperature(w, s / e).mean() - t
 
     offset = moved_by(lambda s: s + small)
-    gain = moved_by(lambda s: s * (1 + small / radiance(w, 300.0)))
+    gain = moved_by(lambda s: s * (1 + small / planck(w, 300.0)))
     moved = offset if t < 300 else gain
     assert moved >= max(offset, gain) * (1 - 1e-3)
     own = 1e-3 * share
@@ -141,11 +141,14 @@ def test_where_the_noise_was_raised_more_is_unknown():
         "residual": np.full((5, 5), 0.25),
     }  # fmt: skip
     for noise, least in ((1.01, 0.0), (1.5, 0.35), (2.0, 0.7), (9.0, 0.7)):
-        np.testing.assert_array_equal(unsure(maps, noise, 0.25 * noise, 54), p < least)
+        np.testing.assert_array_equal(unreliable(maps, noise, 0.25 * noise, 54), p < least)
     maps["residual"][0] = 0.5  # chi^2 is four times what it is where most fits
-    np.testing.assert_array_equal(unsure(maps, 1.01, 0.25, 54)[0], True)
+    np.testing.assert_array_equal(unreliable(maps, 1.01, 0.25, 54)[0], True)
     maps["residual"][1] = np.nan
-    assert unsure(maps, 1.01, 0.25, 54)[:2].all() and not unsure(maps, 1.01, 0.25, 54)[2:].any()
+    assert (
+        unreliable(maps, 1.01, 0.25, 54)[:2].all()
+        and not unreliable(maps, 1.01, 0.25, 54)[2:].any()
+    )
 
 
 @settings(deadline=None, max_examples=20)
@@ -154,13 +157,13 @@ def test_a_level_error_of_a_curve_moves_t_as_eq_1_solved_anew_says(t, e, level):
     """S as it is, with the curve higher by its sigma: T by least squares over all bands."""
     w = np.linspace(8, 14, 20)
     curve = e + 0.04 * np.sin(2 * w)
-    light = 0.5 * radiance(w, 260.0)
-    s = curve * radiance(w, t) + (1 - curve) * light
+    light = 0.5 * planck(w, 260.0)
+    s = curve * planck(w, t) + (1 - curve) * light
     cube = HeatCube(np.tile(s[:, None, None], (1, 2, 3)), w, netd_k=0.05)
     higher = curve + level
 
     def misfit(guess):
-        return ((higher * radiance(w, guess) + (1 - higher) * light - s) / cube.sigma) ** 2
+        return ((higher * planck(w, guess) + (1 - higher) * light - s) / cube.sigma) ** 2
 
     found = minimize_scalar(lambda g: misfit(g).sum(), bounds=(t - 40, t + 40), method="bounded").x
     maps = {
