@@ -45,6 +45,7 @@ from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import fit_all
+from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import read_csv, settings, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands, quadrature
@@ -53,8 +54,6 @@ from physics.estimate import estimate_environment
 from physics.exact.reduced import reduce_model
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import whole_file
-from physics.simulator.sensor import Bands
-from physics.sky import sky_radiance
 from texnet.budget import ERRORS
 from texnet.files.weights import load_network
 from texnet.learned import torch_model
@@ -87,21 +86,7 @@ class Scene:
         self.cube, self.truth = traced.shade(self.library, w, fwhm, NETD_K)
         self.law = BandPlanck(w, fwhm)
         self.curves = self.library.at(quadrature(w, fwhm)).mean(axis=-1)
-        if traced.atmosphere is None:
-            self.sky = self.truth.texture[:, non_sky(self.truth)].mean(axis=1).astype(float)
-        else:
-            self.sky = downwelling(traced.atmosphere, w, fwhm)
-
-
-def downwelling(atmosphere, wavelength_um, fwhm_um):
-    """(bands,) of box bands, W m-2 sr-1 um-1: the radiance of the whole sky, each direction
-    counting as it lights a level surface."""
-    bands = Bands.of(wavelength_um, fwhm_um)
-    node, weight = np.polynomial.legendre.leggauss(64)
-    cosine = (node + 1) / 2
-    # 2 cos d(cos) over 0..1; the nodes' weights sum to 2
-    lit = bands.in_cells(lambda w: sky_radiance(w, cosine, atmosphere))
-    return bands.average(weight * cosine @ lit)
+        self.sky = surroundings(traced, self.truth, w, fwhm)
 
 
 def by_texnet(method, model=None):
@@ -158,6 +143,7 @@ def _answer(scene, truth, temperature_k, material, x, picture):
     return SimpleNamespace(
         temperature_k=maps(temperature_k), material=material, material_names=scene.library.names,
         wavelength_um=truth.wavelength_um, texture=maps(x), sky_texture=maps(picture),
+        dead=np.zeros(material.shape, bool),
         # they give none of these
         temperature_sigma_k=np.zeros(material.shape), unknown=np.zeros(material.shape, bool),
         material_probability=np.ones((len(scene.library), *material.shape)),

@@ -133,7 +133,9 @@ def measure(network, scenes, steps):
         tex = TeXModel(network, steps)(known, torch.from_numpy(cube.radiance.copy()))
         seconds += time.perf_counter() - start
         answer = {name: a.numpy() for name, a in tex._asdict().items()}
-        known_too = dict(material_names=library.names, wavelength_um=cube.wavelength_um)
+        known_too = dict(
+            material_names=library.names, wavelength_um=cube.wavelength_um, dead=cube.dead
+        )
         scores = evaluate(SimpleNamespace(**known_too, **answer), truth)
         rows.append([scores[name] for name in SCORES])
     means = dict(zip(SCORES, np.nanmean(rows, axis=0), strict=True))

@@ -11,7 +11,8 @@ whole starter library. Per axis, level, scene and method a row of stability.csv:
     material accuracy, abstention, accuracy among the answered, correlation of the texture
     residual, median over pixels, noise units
     worse_than_brightness  share of pixels whose error of T exceeds that of a brightness
-                           temperature at e = 0.95 by more than two of their own sigmas
+                           temperature (`peers.brightness`, told the true sky) by more than
+                           two of their own sigmas
     amplification          how far T moves between two draws of the noise, in standard
                            deviations that the Cramer-Rao bound allows it (median over pixels)
     failure                what was raised, or what is not finite; empty if nothing
@@ -37,6 +38,9 @@ from scipy.ndimage import distance_transform_edt
 from benchmarks import ONNX
 from benchmarks.accuracy import RANDOM_SCENES, test_scenes
 from benchmarks.atlas import draw, faults, page
+from benchmarks.peers import brightness
+from benchmarks.peers.band_planck import BandPlanck
+from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import read_csv, settings, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
@@ -62,7 +66,6 @@ COLUMNS = (
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
 COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
-GREY = 0.95  # emissivity that a brightness temperature is corrected for
 
 
 @dataclass(frozen=True)
@@ -451,13 +454,14 @@ def answer(case, method, model):
     )  # fmt: skip
 
 
-def row_of(case, d):
-    """What stability.csv has of one answer."""
+def row_of(case, d, x):
+    """What stability.csv has of one answer; x (bands,) is what a brightness temperature is told of
+    what surfaces reflect."""
     m = evaluate(d, case.truth)
     ground = non_sky(case.truth)
     t, sigma = case.truth.temperature_k[ground], d.temperature_sigma_k[ground]
-    w, s = case.cube.wavelength_um, case.cube.radiance[:, ground]
-    grey = brightness_temperature(w[:, None], s / GREY).mean(axis=0)
+    law = BandPlanck(case.cube.wavelength_um, case.cube.fwhm_um)
+    grey = brightness.separate(case.cube.radiance[:, ground].T.astype(float), law, x)[0]
     excess = np.abs(d.temperature_k[ground] - t) - np.abs(grey - t)
     maps = {name: np.asarray(getattr(d, name)) for name in (
         "temperature_k", "temperature_sigma_k", "thermal_lighting", "texture", "sky_texture",
@@ -495,12 +499,13 @@ def measured(axis, level, view, library, model):
     of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
     case = AXES[axis].case(view, library, level)
     again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
+    x = surroundings(view.traced, case.truth, case.cube.wavelength_um, case.cube.fwhm_um)
     for method in METHODS:
         row = of | {"method": method}
         try:
             d = answer(case, method, model)
             moved = amplification(case, d, answer(again, method, model))
-            yield row | row_of(case, d) | {"amplification": moved}
+            yield row | row_of(case, d, x) | {"amplification": moved}
         except InputError as e:  # one sentence instead of an answer
             yield row | dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
 

@@ -7,6 +7,9 @@ from .planck import brightness_temperature
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
+# where fewer pixels look unlike the sky, noise may hide the others; what is then FAR warmer than
+# the rest is not what is usual
+FEW, FAR_K = 0.05, 15.0
 # where the colder half are mirrors, the usual T is at most WARMER_K below the quantile 1 - WARM.
 # They are if their bands differ by UNEVEN_K more than those of the WARM: on 59 scenes outside the
 # test sets mirrors' did by 13 K and more, and where that would have moved the T of others, by 4
@@ -26,11 +29,12 @@ def scene_temperatures(cube):
 
 def usual_temperature(cube, environment):
     """K: the median of what a HeatCube's pixels, but those of the Environment's sky, look like in
-    their most opaque band. It is that of most objects, whatever these are made of: a mirror too
-    looks nearly as warm as they where the sky is opaque. Nor is it less than the sky's own there,
-    which is about the air's: mirrors of the clear sky overhead look colder than the sky in view.
-    Where no band is opaque mirrors look much colder than they are; if they are the colder half of
-    the pixels, as their bands tell (of three and more), it is not far below the warmest tenth.
+    the scene's most opaque band. It is that of most objects, whatever these are made of: a mirror
+    too looks nearly as warm as they where the sky is opaque. Nor is it less than the sky's own
+    there, which is about the air's: mirrors of the clear sky overhead look colder than the sky in
+    view. Where no band is opaque mirrors look much colder than they are; if they are the colder
+    half of the pixels, as their bands tell (of three and more), it is not far below the warmest
+    tenth.
     """
     s = cube.sample(USUAL_SAMPLES)
     t = brightness_temperature(cube.wavelength_um, s)
@@ -41,12 +45,20 @@ def usual_temperature(cube, environment):
     chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
     ground = chi2 > SKY_CHI2 * cube.bands
     air = brightness_temperature(cube.wavelength_um, environment.sky_mean).max()
-    return max(float(air), _usual(t[ground] if ground.any() else t))
+    usual = _usual(t[ground] if ground.any() else t)
+    if ground.mean() < FEW and usual > np.quantile(_opaque(t), 1 - FEW) + FAR_K:
+        usual = _usual(t)
+    return max(float(air), usual)
+
+
+def _opaque(t):
+    """(n,) of brightness temperatures t (n, bands): in the band in which half look warmest."""
+    return t[:, np.median(t, axis=0).argmax()]
 
 
 def _usual(t):
     """K, of brightness temperatures t (n, bands)."""
-    uneven, t = np.ptp(t, axis=1), t.max(axis=1)
+    uneven, t = np.ptp(t, axis=1), _opaque(t)
     half, warm = np.quantile(t, [0.5, 1 - WARM])
     if np.median(uneven[t <= half]) < np.median(uneven[t >= warm]) + UNEVEN_K:
         return float(half)

@@ -299,3 +299,10 @@ def test_fine_tuning_sees_the_cube_without_it():
     # in the most opaque band
     assert np.median(np.abs(of(right) - of(cube))) < 0.5
     assert np.median(np.abs(of(behind(cube, truth, 200.0)) - of(cube))) > 0.5
+
+
+@pytest.mark.parametrize("octave", [0, 3, len(OCTAVES) - 1])
+def test_the_nearest_and_the_farthest_are_found_where_nothing_else_fits(octave):
+    nats = np.full((len(OCTAVES), 6, 6), 500.0)
+    nats[octave] = 0
+    np.testing.assert_allclose(_likeliest(nats), OCTAVES[octave], atol=0.1)

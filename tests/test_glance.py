@@ -70,6 +70,13 @@ def test_each_part_holds_what_is_seen_in_it_or_close_by(step):
                 np.testing.assert_array_equal(parts.at(row, column), parts.held[i, j])
 
 
+def test_a_part_of_which_no_patch_was_measured_may_hold_anything():
+    probability = np.full((4, 75, 175), np.nan)
+    probability[:, :, :40] = np.array([0.0, 0.0, 0.5, 0.5])[:, None, None]
+    held = regions(probability, 4, (300, 700)).held
+    assert (held[:, 0] == [False, False, True, True]).all() and held[:, -1].all()
+
+
 def test_a_picture_smaller_than_two_parts_is_one():
     parts = regions(np.ones((4, 64, 96)) / 4, 2, (128, 191))
     assert parts.cuts == ((0, 128), (0, 191)) and parts.held.shape == (1, 1, 4)

@@ -9,7 +9,8 @@ from scipy.optimize import minimize
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.exact.local import HOPELESS, energy_given, solve_given, solve_local
 from physics.exact.reduced import reduce_model
-from physics.planck import brightness_temperature, planck, planck_derivative
+from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
+from physics.sky import Atmosphere, sky_radiance
 
 
 def solve(p):
@@ -22,7 +23,7 @@ def slow_minimum(model, spectrum, material):
     k, env, e = model.k, model.environment.radiance, model.emissivity[material]
 
     def cost(x):
-        t, v = model.prior_mean_k + 10 * x[0], x[1:]
+        t, v = max(model.prior_mean_k + 10 * x[0], 1.0), x[1:]
         r = (e * planck(model.wavelength_um, t) + (1 - e) * (v @ env) - spectrum) / model.sigma
         prior_t = ((t - model.prior_mean_k) / model.prior_sigma_k) ** 2
         return 0.5 * (r @ r + prior_t + 3 * k * ((v - 1 / k) ** 2).sum())
@@ -218,3 +219,21 @@ def test_an_environment_can_be_off_by_some_kelvin_only(pixels):
     for kelvin in (-1, 101, np.nan, "much", [1.0]):
         with pytest.raises(InputError):
             pixels.environment.off_by(kelvin)
+
+
+def test_metal_warmer_than_anything_looks_is_within_reach():
+    """All of it mirrors a dry sky, which no band shows to be as warm as the plates."""
+    w, rng = np.linspace(8.1, 13.9, 20), np.random.default_rng(0)
+    library = MaterialLibrary.starter().subset(["sky", "aluminium"])
+    overhead = sky_radiance(w, [0.8], Atmosphere(288.0, 0.3))[0]
+    ground = planck(w, 288.0)
+    t, v = 300 + 2 * rng.normal(size=(600, 1)), rng.uniform(0.9, 1, (600, 1))
+    e = library.at(w)[1]
+    s = e * planck(w, t) + (1 - e) * (v * overhead + (1 - v) * ground)
+    s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(20, 20, 30), w, netd_k=0.05)
+    environment = Environment(np.stack([overhead, ground]), w, sky=(0,))
+    model = reduce_model(cube, library, environment)
+    assert model.mid_k + model.half_k > 310
+    found = solve_local(model, cube.spectra).temperature_k[:, 1]
+    assert np.sqrt(np.mean((found - t[:, 0]) ** 2)) < 0.6

@@ -7,6 +7,7 @@ import pytest
 from traced import traced
 
 from physics import HeatCube, InputError
+from physics.cube.netd import noise_of_bands
 from physics.planck import noise_sigma, planck
 from physics.simulator.sensor import add_noise
 
@@ -90,3 +91,24 @@ def test_a_picture_that_is_mostly_holes_will_do():
     s = cube.radiance.copy()
     s[:, np.random.default_rng(0).random(cube.shape) < 0.75] = 0
     assert HeatCube(s, cube.wavelength_um).with_netd().netd_k == pytest.approx(0.1, rel=0.1)
+
+
+@pytest.mark.parametrize("share, of_values", [(0.003, False), (0.0005, True)])
+def test_defective_pixels_are_not_the_noise(share, of_values):
+    """Each may be anything in each band, or now and then be twice what it should in one."""
+    cube, rng = noisy("forest", 36, 0.06), np.random.default_rng(2)
+    s = cube.radiance.copy()
+    if of_values:
+        s[rng.random(s.shape) < share] *= 2
+    else:
+        defective = rng.random(cube.shape) < share
+        s[:, defective] = rng.uniform(0.1, 30, (36, np.count_nonzero(defective)))
+    assert replace(cube, radiance=s).with_netd().netd_k == pytest.approx(0.06, rel=0.25)
+
+
+@pytest.mark.parametrize("alike", [False, True])
+@pytest.mark.parametrize("pixels", [120, 300, 1500])
+def test_noise_of_few_pixels_is_not_overstated(pixels, alike):
+    d = np.random.default_rng(0).normal(size=(pixels, 54)) * np.sqrt(2)
+    noise = np.median(noise_of_bands(d, np.zeros(pixels), alike))
+    assert noise == pytest.approx(1.0, rel=0.05)

@@ -66,3 +66,20 @@ def test_a_part_that_is_hot_does_not_make_the_scene_hot(hot_k, emissivity):
     cube = HeatCube(s.T.reshape(6, 40, 30), w, netd_k=0.05)
     environment = estimate_environment(cube, TWO, 2)
     assert usual_temperature(cube, environment) == pytest.approx(290, abs=1)
+
+
+@pytest.mark.parametrize("netd_k", [0.05, 1.0, 2.0])
+def test_noise_does_not_make_the_scene_warm(netd_k):
+    """Nor does a car's hood, the one thing that noise does not hide before the sky."""
+    w = np.linspace(8.2, 13.8, 24)
+    rng, air = np.random.default_rng(0), Atmosphere(AIR_K, 2.0)
+    s = np.concatenate([
+        sky_radiance(w, np.sort(rng.uniform(0.02, 0.2, 1600)), air),
+        planck(w, rng.normal(AIR_K, 2.0, 1600)[:, None]),
+    ])  # fmt: skip
+    s[-24:] = planck(w, 340.0)
+    s += noise_sigma(w, netd_k) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(24, 80, 40), w, netd_k=netd_k)
+    environment = estimate_environment(cube, MaterialLibrary.starter())
+    assert environment.sky
+    assert abs(usual_temperature(cube, environment) - AIR_K) < 3

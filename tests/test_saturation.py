@@ -82,7 +82,7 @@ def test_the_command_says_how_many(tmp_path, capsys):
     cube, beyond = clipped(traced("forest", 54)[0], 0.1)
     write_cube(cube, tmp_path / "cube.npz")
     text, result, npz = said(capsys, tmp_path / "cube.npz", tmp_path / "out", "--method", "local")
-    assert f"Saturated    {100 * beyond.mean():.2g} % of the pixels" in text
+    assert f"Saturated    {100 * beyond.mean():.1f} % of the pixels" in text
     assert result["saturated"] == pytest.approx(beyond.mean())
     np.testing.assert_array_equal(npz["saturated"], beyond)
 

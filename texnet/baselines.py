@@ -79,12 +79,12 @@ def baseline_pictures(cube):
     }
 
 
-def baseline_correlations(pictures, truth):
-    """{baseline: magnitude of its correlation with the true sky-lit texture, non-sky}, of
-    baseline_pictures.
+def baseline_correlations(pictures, truth, seen=True):
+    """{baseline: magnitude of its correlation with the true sky-lit texture, non-sky, of pixels
+    that were seen (height, width)}, of baseline_pictures.
 
     A baseline's sign is arbitrary, so its magnitude counts; of three components the best. NaN
     where the truth has no such texture, as in a room.
     """
-    score = lambda picture: abs(texture_correlation(picture, truth))
+    score = lambda picture: abs(texture_correlation(picture, truth, seen))
     return {name: max(map(score, of)) for name, of in pictures.items()}

@@ -105,13 +105,18 @@ def first_within(budget, methods, seconds):
 
 def thinned(cube, side):
     """A HeatCube of every so many rows and columns, at least side of each, if there are."""
-    down, right = (max(1, n // side) for n in cube.shape)
-    part = cube.radiance[:, ::down, ::right].copy()
-    return HeatCube(part, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    return _part(cube, *(slice(None, None, max(1, n // side)) for n in cube.shape))
 
 
 def middle(cube, side):
     """The middle of a HeatCube, at most side x side pixels."""
-    top, left = (max(0, (n - side) // 2) for n in cube.shape)
-    part = cube.radiance[:, top : top + side, left : left + side]
-    return HeatCube(part, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+    first = [max(0, (n - side) // 2) for n in cube.shape]
+    return _part(cube, *(slice(i, i + side) for i in first))
+
+
+def _part(cube, rows, columns):
+    dead = cube.dead[rows, columns]
+    return HeatCube(
+        cube.radiance[:, rows, columns].copy(), cube.wavelength_um, cube.fwhm_um, cube.netd_k,
+        None if dead.all() else dead,
+    )  # fmt: skip

@@ -157,7 +157,7 @@ def _metrics(d, pictures, truth):
         of_names = "material_accuracy", "mean_iou", "cross_entropy", "accuracy_answered"
         metrics |= dict.fromkeys(of_names, math.nan)
     return metrics | {
-        "not_in_library": lacking, "baselines": baseline_correlations(pictures, truth),
+        "not_in_library": lacking, "baselines": baseline_correlations(pictures, truth, ~d.dead),
     }  # fmt: skip
 
 
@@ -193,11 +193,15 @@ def _runner(method, model, device):
 
 def _of_pixels(saturated, dead, hot):
     if saturated:
-        yield f"Saturated    {100 * saturated:.2g} % of the pixels: unknown, and T a lower bound"
+        yield f"Saturated    {_percent(saturated)} of the pixels: unknown, and T a lower bound"
     if dead:
-        yield f"Dead         {100 * dead:.2g} % of the pixels were not measured: unknown"
+        yield f"Dead         {_percent(dead)} of the pixels were not measured: unknown"
     if hot:
-        yield f"Hot          {100 * hot:.2g} % of the pixels, far above the rest: solved apart"
+        yield f"Hot          {_percent(hot)} of the pixels, far above the rest: solved apart"
+
+
+def _percent(share):
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.1f} %"
 
 
 def _netd(r):
@@ -209,6 +213,8 @@ def _netd(r):
     if r["noise_raised"] <= 1:
         return netd
     taken = own * r["noise_raised"]
+    if round(1e3 * taken) == round(1e3 * own):
+        return netd
     why = "at less no material fits (library, calibration?)"
     if taken < 1.001 * LEAST_NETD_K:
         why = "the model of the surroundings is no better"
@@ -257,15 +263,23 @@ def _corrections(r):
         )
 
 
+def _of_temperature(t):
+    if t["median"] is not None and not math.isnan(t["median"]):  # not all of it is sky
+        yield (
+            f"Temperature  median {t['median']:.1f} K, 2nd to 98th percentile {t['p2']:.1f} to "
+            f"{t['p98']:.1f} K, without sky"
+        )
+
+
 def _summary(r):
-    t, shares = r["temperature_k"], list(r["materials"].items())
+    shares = list(r["materials"].items())
     shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
     lines = [
-        f"Cube         {r['size'][0]} x {r['size'][1]} pixels, {r['bands']} bands, {_netd(r)}",
+        f"Cube         {r['size'][0]} x {r['size'][1]} pixels, "
+        f"{r['bands']} band{'s' * (r['bands'] > 1)}, {_netd(r)}",
         *_corrections(r),
         *_of_objects(r["k"], r["k_chosen"], r["environment"], r["bands"]),
-        f"Temperature  median {t['median']:.1f} K, 2nd to 98th percentile {t['p2']:.1f} to "
-        f"{t['p98']:.1f} K, without sky",
+        *_of_temperature(r["temperature_k"]),
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the {'measured ' if r['dead'] else ''}pixels "
         "are marked unknown" + (": do not use the materials" if r["unknown"] > 0.5 else ""),

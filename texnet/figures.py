@@ -18,7 +18,7 @@ from physics.machinery import scratch
 from physics.machinery.whole_file import whole_file
 
 from .baselines import baseline_correlations
-from .metrics import names_in_view, names_lacking, non_sky, texture_correlation
+from .metrics import names_in_view, names_lacking, non_sky, texture_at, texture_correlation
 from .stretch import stretch
 from .vision import tex_vision
 
@@ -74,7 +74,8 @@ def maps_figure(decomposition, truth, path):
     else:
         true_ground = non_sky(truth)
         by_sky = (truth.sky_view, truth.sky_texture) if d.sky else (None, None)
-        true = [truth.temperature_k, by_sky[0], _band_mean(truth.texture), by_sky[1]]
+        x = texture_at(truth, d.wavelength_um)
+        true = [truth.temperature_k, by_sky[0], _band_mean(x), by_sky[1]]
         fig, axes = _panels(3, 6, d.residual.shape, legend)
         _show_materials(axes[0, 0], "material", d, hues, ~seen)
         _show_materials(axes[1, 0], "truth", truth, hues)
@@ -82,7 +83,7 @@ def maps_figure(decomposition, truth, path):
             axes[2, 0].set_axis_off()
             axes[2, 0].set_title("not compared: no name shared", fontsize=TITLE)
         else:
-            wrong = _names(d) != _names(truth)
+            wrong = np.ma.array(_names(d) != _names(truth), mask=d.dead)
             _show(axes[2, 0], f"wrong ({100 * wrong.mean():.1f} %, white)", "gray", wrong, (0, 1))
         for column, field, t in zip(axes.T[1:5], fields, true, strict=True):
             _compare(column, *field, None if t is None else _on(true_ground, t))
@@ -114,8 +115,8 @@ def comparison_figure(decomposition, pictures, truth, path):
     }
     scores = dict.fromkeys(shown, np.nan)
     if truth is not None:
-        scores = baseline_correlations(pictures, truth)
-        scores["tex_vision"] = texture_correlation(d.sky_texture, truth)
+        scores = baseline_correlations(pictures, truth, ~d.dead)
+        scores["tex_vision"] = texture_correlation(d.sky_texture, truth, ~d.dead)
     hues, columns = _hues(d), 2 if truth is None else 3
     fig, axes = _panels(2, columns, blank.shape, _legend(hues, d), bar=0.1, title=0.5)
     for ax, (name, (title, picture)) in zip(axes.flat, shown.items(), strict=False):
@@ -267,12 +268,15 @@ def _show_materials(ax, title, answer, hues, blank=False):
 
 def _legend(hues, d, truth=None):
     """{label: colour} of what is in view; what the library lacks and the truth holds is marked."""
-    labels = {n: n for n in names_in_view(d, LEAST_SHARE, ~d.dead)}
+    labels, there = {n: n for n in names_in_view(d, LEAST_SHARE, ~d.dead)}, []
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
         there = names_in_view(truth, LEAST_SHARE)
         labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
-    return {label: colour_of(hues[n]) for n, label in list(labels.items())[:MOST_NAMES]}
+    more = max(0, len(labels) - MOST_NAMES)
+    rarest = [n for n in labels if n not in there][::-1] + there[::-1]
+    shown = {label: colour_of(hues[n]) for n, label in labels.items() if n not in rarest[:more]}
+    return shown | ({f"and {more} more": "none"} if more else {})
 
 
 def colour_of(hue_deg):

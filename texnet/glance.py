@@ -134,7 +134,11 @@ def regions(probability, step, shape, least):
     )
     held = np.zeros((len(rows), len(columns), len(probability)), bool)
     for i, j in np.ndindex(held.shape[:2]):
-        held[i, j, materials_seen(probability[:, rows[i], columns[j]])] = True
+        part = probability[:, rows[i], columns[j]]
+        if np.isfinite(part).any():
+            held[i, j, materials_seen(part)] = True
+        else:  # no patch was measured there, though pixels between them may have been
+            held[i, j] = True
     return Regions(cuts, held)
 
 

@@ -1,7 +1,8 @@
 """The one module of metrics: how far a decomposition is from the simulator's truth.
 
 Materials are matched by name, so the order of a library never matters. "Non-sky" is what
-the truth calls non-sky: there alone temperature and texture have a meaning.
+the truth calls non-sky: there alone temperature and texture have a meaning. Pixels that were not
+measured (`dead`) count nowhere.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ def evaluate(decomposition, truth):
     """Every metric of a Decomposition against a Truth of the same scene, as floats.
 
     temperature_rmse_k, temperature_mae_k   K, non-sky
-    material_accuracy       fraction of all pixels; see `names_lacking`
+    material_accuracy       fraction of all measured pixels; see `names_lacking`
     mean_iou                intersection over union, averaged over the materials in the truth
     cross_entropy           mean -ln p(true material), all pixels, p floored at 1e-6; a
                             material that the library lacks has p = 0
@@ -36,28 +37,27 @@ def evaluate(decomposition, truth):
     Bands that the decomposition left out do not count. NaN where there is nothing to compare.
     Raises InputError if sizes or bands differ.
     """
-    d = decomposition
-    texture = truth.texture
-    used = np.isclose(truth.wavelength_um[:, None], d.wavelength_um, rtol=0, atol=1e-3)
-    if not used.any(axis=1).all():
-        texture = texture[used.any(axis=1)]
+    d, texture = decomposition, texture_at(truth, decomposition.wavelength_um)
     if d.texture.shape != texture.shape:
         raise InputError(
             f"metrics: the cube has {d.texture.shape} bands, height, width "
             f"but its truth {texture.shape} at these bands."
         )
-    ground = non_sky(truth)
+    seen = ~d.dead
+    ground = non_sky(truth) & seen
     predicted, true = _matched(d, truth)
     error = (d.temperature_k - truth.temperature_k)[ground].astype(np.float64)
     sigma = d.temperature_sigma_k[ground]
-    right = predicted == true
-    scores = texture_scores(d.sky_texture, truth)
+    right = (predicted == true)[seen]
+    scores = texture_scores(d.sky_texture, truth, seen)
     return {
         "temperature_rmse_k": float(np.sqrt(_mean(error**2))),
         "temperature_mae_k": _mean(np.abs(error)),
         "material_accuracy": _mean(right),
-        "mean_iou": _mean([_iou(predicted == m, true == m) for m in np.unique(true)]),
-        "cross_entropy": _mean(-np.log(_true_probability(d, true))),
+        "mean_iou": _mean(
+            [_iou((predicted == m)[seen], (true == m)[seen]) for m in np.unique(true[seen])]
+        ),
+        "cross_entropy": _mean(-np.log(_true_probability(d, true))[seen]),
         "texture_mse_per_band": _mean(
             (d.texture[:, ground].astype(np.float64) - texture[:, ground]) ** 2
         ),
@@ -66,13 +66,20 @@ def evaluate(decomposition, truth):
         "texture_ssim": scores["ssim"],
         "within_1_sigma": _mean(np.abs(error) <= sigma),
         "within_2_sigma": _mean(np.abs(error) <= 2 * sigma),
-        "abstention": _mean(d.unknown),
-        "accuracy_answered": _mean(right[~d.unknown]),
+        "abstention": _mean(d.unknown[seen]),
+        "accuracy_answered": _mean(right[~d.unknown[seen]]),
     }
 
 
-def texture_scores(picture, truth):
-    """How much of the true sky-lit texture a (height, width) picture shows, non-sky.
+def texture_at(truth, wavelength_um):
+    """X (bands, height, width) of a Truth at those of its bands that are among wavelength_um."""
+    at = np.isclose(truth.wavelength_um[:, None], wavelength_um, rtol=0, atol=1e-3).any(axis=1)
+    return truth.texture if at.all() else truth.texture[at]
+
+
+def texture_scores(picture, truth, seen=True):
+    """How much of the true sky-lit texture a (height, width) picture shows, non-sky, of pixels
+    that were seen (height, width).
 
     correlation           Pearson, blind to brightness and contrast
     gradient_correlation  Pearson of the differences between neighbours, down and across,
@@ -82,7 +89,7 @@ def texture_scores(picture, truth):
 
     All NaN where the truth has no such texture, as in a room.
     """
-    r, ground = texture_correlation(picture, truth), non_sky(truth)
+    r, ground = texture_correlation(picture, truth, seen), non_sky(truth) & seen
     if np.isnan(r):
         return dict.fromkeys(("correlation", "gradient_correlation", "ssim"), r)
     picture, texture = (np.asarray(a, dtype=np.float64) for a in (picture, truth.sky_texture))
@@ -99,9 +106,9 @@ def texture_scores(picture, truth):
     }
 
 
-def texture_correlation(picture, truth):
+def texture_correlation(picture, truth, seen=True):
     """The correlation of texture_scores alone."""
-    ground = non_sky(truth)
+    ground = non_sky(truth) & seen
     if not ground.any() or np.ptp(truth.sky_texture[ground]) == 0:
         return float("nan")
     return correlation(picture, truth.sky_texture, ground)

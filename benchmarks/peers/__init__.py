@@ -5,7 +5,8 @@ brightness   brightness temperature with an assumed emissivity
 nem          the normalised emissivity method
 isstes       iterative spectrally smooth temperature-emissivity separation
 naming       from an emissivity spectrum to a material and to X
-scipy_fit    Eq. 4 per pixel and material by scipy's bounded least squares
+surroundings  what they are told of X
+scipy_fit    Eq. 6 per pixel and material by scipy's bounded least squares
 
 The first three methods separate temperature from emissivity. Each has
 

@@ -204,8 +204,10 @@ class Temperatures(NamedTuple):
     @staticmethod
     def of(darkest, brightest, usual, spread):
         """Those of pixels that look like darkest to brightest, usual and their spread, all K."""
-        low, high = max(darkest - 40.0, 60.0), brightest + 60.0
         sigma = max(MIN_TEMPERATURE_SPREAD_K, spread)
+        # metal that mirrors a cold sky may be far warmer than anything looks
+        low, high = min(darkest - 40.0, usual - 4 * sigma), max(brightest + 60.0, usual + 4 * sigma)
+        low = max(low, 60.0)
         return Temperatures(0.5 * (high + low), 0.5 * (high - low), usual, sigma)
 
 

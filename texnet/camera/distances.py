@@ -59,7 +59,8 @@ def _likeliest(nats):
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
     energy = uniform_filter(nats, (1, 3, 3), mode="nearest")
     energy += (OCTAVES * math.log(2))[:, None, None] ** 2 / (2 * SPREAD**2)
-    # the lowest of a parabola about the best
-    at = np.clip(energy.argmin(axis=0), 1, len(OCTAVES) - 2)
+    # the lowest of a parabola about the best, which may be the nearest or the farthest
+    best = energy.argmin(axis=0)
+    at = np.clip(best, 1, len(OCTAVES) - 2)
     below, here, above = (np.take_along_axis(energy, at[None] + i, 0)[0] for i in (-1, 0, 1))
-    return OCTAVES[at] + lowest(below, here, above)
+    return np.where(at == best, OCTAVES[at] + lowest(below, here, above), OCTAVES[best])
