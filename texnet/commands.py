@@ -226,8 +226,15 @@ def finetune(args):
             seed=args.seed, device=args.device, progress=report,
         )  # fmt: skip
     save_network(network, args.out, history | {"from": past})
+    before, after = history["before"], history["after"]
     on = "the cubes" if cubes else "scenes held out"
-    lines = [_scores(f"{on}, before", history["before"]), _scores("after", history["after"])]
+    lines = [_scores(f"{on}, before", before), _scores("after", after)]
+    if cubes:
+        lines.append(
+            "Eq. 1 does not tell whether materials got better: compare on a cube whose are known."
+        )
+    elif after["cross_entropy"] > before["cross_entropy"]:
+        lines.append("Worse than before: keep the model that it started from, or train for longer.")
     if history["sky"] != "the library's":
         lines.insert(0, f"{args.library} has no sky; the starter library's was used in training.")
     text = "\n".join([*lines, f"{args.out}: the weights."])

@@ -34,10 +34,10 @@ class Crops(Dataset):
             known = []
             for k in range(OBJECTS[0], most + 1):
                 environment = estimate_environment(cube, library, k, assume_sky=assume)
-                known.append(Known.of(known_arrays(cube, library, environment)))
-            # a tensor, which worker processes share
+                known.append(known_arrays(cube, library, environment))
+            # a tensor, which worker processes share, by an open file each: so it is one a cube
             radiance = torch.from_numpy(cube.radiance.copy())
-            self.cubes.append((radiance, torch.from_numpy(cube.dead.copy()), known))
+            self.cubes.append((radiance, cube.dead.copy(), known))
 
     def __len__(self):
         return len(self.cubes)
@@ -45,12 +45,12 @@ class Crops(Dataset):
     def __getitem__(self, i):
         radiance, dead, known = self.cubes[i % len(self)]
         rng = np.random.default_rng([self.seed, self.stream, i])
-        known = known[rng.integers(len(known))]
+        known = Known.of(known[rng.integers(len(known))])
         side = self.side
         for _ in range(TRIES):
             top, left = (int(rng.integers(max(1, n - side + 1))) for n in dead.shape)
             at = slice(top, top + side), slice(left, left + side)
-            if dead[at].float().mean() <= MOST_DEAD:
+            if dead[at].mean() <= MOST_DEAD:
                 break
         radiance = radiance[:, *at]
         return Sample(known, radiance, *[None] * 6), features(known, radiance)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from physics.errors import InputError
 from physics.estimate import USUAL_OBJECTS
 from physics.machinery.provenance import fingerprint
 from texnet.circumstances import circumstances
@@ -63,7 +64,12 @@ def finetune(
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         whole = with_sky(library)
         data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
-        taken = [calibrated(cube, whole, network, device) for cube in cubes]
+        taken = []
+        for i, cube in enumerate(cubes, 1):
+            try:
+                taken.append(calibrated(cube, whole, network, device))
+            except InputError as e:
+                raise InputError(f"cube {i} of {len(cubes)}: {e}") from e
         draws = Crops(*zip(*taken, strict=True), whole, seed, SIDE)
         held_out = copy.copy(draws)  # other crops of the same cubes
         held_out.stream += 1

@@ -19,7 +19,7 @@ from physics.simulator.presets.random_scene import random_scene
 from physics.simulator.traced import TracedScene, trace_scene
 from texnet.files.library_io import with_sky
 
-from .scenes import BASE_SEED, Record, SceneSet, Settings, of_seed
+from .scenes import BASE_SEED, Record, SceneSet, Settings, loaded, of_seed
 
 # e of all that is traced: the less, the longer the paths. Weights (1 - e) / (1 - TRACED_WITH) stay
 # tame where their mean square is below 1: for e of 0.16, 0.05 and 0.015 and more
@@ -78,7 +78,7 @@ class ReshadedSet(SceneSet):
     def shade(self, i, wavelength_um, fwhm_um, netd_k):
         """Record i as a camera sees it -> (HeatCube, Truth); arguments as TracedScene.shade."""
         turn, scene = divmod(range(len(self))[i], self.count)
-        traced = TracedScene.load(self.path(scene))
+        traced = loaded(TracedScene, self.path(scene))
         rng = np.random.default_rng([self.seed, BASE_SEED[self.split] + scene, turn])
         solid = rng.permutation([n for n in self.library.names if n != SKY])
         solid = np.resize(solid, len(traced.materials))

@@ -142,7 +142,7 @@ class SceneSet:
 
     def __getitem__(self, i):
         """Record i; InputError if it is not made yet."""
-        return Record.load(self.path(range(self.count)[i]))
+        return loaded(Record, self.path(range(self.count)[i]))
 
     def path(self, i):
         """The file of scene i."""
@@ -187,6 +187,15 @@ class SceneSet:
             "first_seed": BASE_SEED,
             "noise": "none",
         }
+
+
+def loaded(kind, path):
+    """kind.load(path) of a file that was made here; InputError says what to do if it is damaged."""
+    try:
+        return kind.load(path)
+    except InputError as e:
+        words = str(e).removesuffix(".")
+        raise InputError(f"{words}; delete it, and the same command makes it anew.") from e
 
 
 def make_record(settings, split, i):

@@ -19,7 +19,7 @@ import numpy as np
 import pytorch_lightning as lightning
 import torch
 from pytorch_lightning.callbacks import Callback, ModelCheckpoint
-from pytorch_lightning.loggers import CSVLogger
+from pytorch_lightning.plugins import TorchCheckpointIO
 from threadpoolctl import threadpool_limits
 from torch.utils.data import DataLoader, Dataset, Sampler
 
@@ -28,6 +28,7 @@ import texnet
 from physics.errors import InputError
 from physics.machinery.provenance import provenance
 from physics.machinery.threads import cores
+from physics.machinery.whole_file import whole_file
 from texnet.files.weights import save_network
 from texnet.learned import check_device
 from texnet.network import TeXNet
@@ -202,6 +203,15 @@ class Report(Callback):
         self.progress(done, trainer.max_epochs * per_epoch, "training")
 
 
+class WholeCheckpoints(TorchCheckpointIO):
+    """Checkpoints in files that are written whole or not at all."""
+
+    def save_checkpoint(self, checkpoint, path, storage_options=None):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as part:
+            torch.save(checkpoint, part)
+
+
 class Loader(DataLoader):
     """A DataLoader of single draws by single-threaded workers, deaf to Ctrl-C, which ends the
     whole."""
@@ -224,6 +234,8 @@ class Loader(DataLoader):
 
 def _as_worker(_):
     threadpool_limits(1)  # more would wait for each other
+    # orderly, or the process that waits for it reports a crash instead of ending itself
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # at once: threads of native libraries, still running, may abort an orderly end with a message
     atexit.register(os._exit, 0)
 
@@ -247,7 +259,7 @@ def fit(
     trainer = lightning.Trainer(
         accelerator="cpu" if device == "cpu" else "gpu", devices=1,
         max_epochs=epochs, accumulate_grad_batches=TOGETHER, gradient_clip_val=1.0,
-        default_root_dir=folder, logger=CSVLogger(folder, name="", version=""),
+        default_root_dir=folder, logger=False, plugins=[WholeCheckpoints()],
         # The one best by no measure is the last; save_last alone saves nothing (2.6).
         callbacks=[
             ModelCheckpoint(folder, "last", save_top_k=1, enable_version_counter=False,
