@@ -17,7 +17,8 @@ exact        a package: Eq. 6 solved exactly, and with smoothness
 known        what the network is told of a scene
 expected     which materials are expected where, from afar, and which are looked for
 evidence     every material's evidence at once, by Gaussian priors
-refinement   Gauss-Newton steps on Eq. 6 for the likeliest hypotheses
+cholesky     of many small matrices, as ONNX can have it
+refinement   Gauss-Newton steps on Eq. 1 for the likeliest hypotheses
 by_tiles     a network's answer to a picture, tile by tile
 blind        a library from the cube alone
 identifiability  Fisher information and the Cramer-Rao bound

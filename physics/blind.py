@@ -42,7 +42,7 @@ from .library import SKY, MaterialLibrary
 from .planck import brightness_temperature, noise_sigma, planck
 
 MIN_BANDS, MIN_PIXELS = 20, 200
-MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 4 says wrongly would pass for materials
+MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 1 says wrongly would pass for materials
 EMISSIVITY_MAX, EMISSIVITY_MAX_SIGMA = 0.96, 0.01
 LEVEL_SIGMA = 0.02  # of the curves found, beside which T is off likewise
 ROUGHNESS = 0.002  # standard deviation of a true curve's second differences between bands

@@ -1,4 +1,5 @@
-"""Environment: the k equivalent objects whose light falls on every pixel (Eq. 5)."""
+"""Environment: the k equivalent objects whose light falls on every pixel: S_1 ... S_k of
+Eq. 1."""
 
 from dataclasses import dataclass, replace
 
@@ -86,6 +87,14 @@ class Environment:
         object.__setattr__(self, "radiance", s)
         object.__setattr__(self, "sky", sky)
         object.__setattr__(self, "wavelength_um", w)
+
+    def __repr__(self):
+        w, n = self.wavelength_um, len(self)
+        sky = f", of which sky {', '.join(map(str, self.sky))}" if self.sky else ""
+        return (
+            f"<Environment of {n} object{'s' * (n > 1)}{sky}, {w.size} bands at "
+            f"{w[0]:.4g}-{w[-1]:.4g} um>"
+        )
 
     def __len__(self):
         return len(self.radiance)

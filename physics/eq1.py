@@ -1,7 +1,14 @@
 """Eq. 1, the renderer that everything else inverts.
 
-    S = e B(T) + (1 - e) X            heat signal           (Eq. 1, Eq. 4)
-    X = V_1 S_1 + ... + V_k S_k       texture               (Eq. 2, Eq. 5)
+    S = e B(T) + (1 - e) X            heat signal
+    X = V_1 S_1 + ... + V_k S_k       texture, of k environment objects
+
+These are the paper's Eq. 1 and 2 and, with k few, its Eq. 4 and 5; here all are Eq. 1. Of its other
+equations
+
+    Eq. 3    B is Planck's law                                    `planck`
+    Eq. 6    {T, m, V} = argmin |S~ - S|, S~ by Eq. 1             `exact`, `refinement`
+    Eq. 7    dS = dT e B' + de (B - X) + dX (1 - e)               `contrast`
 
 Arrays here are band-last, so that leading dimensions (pixels, or height and width)
 broadcast. Numpy in, numpy out; torch in, torch out and differentiable in all of

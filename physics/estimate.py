@@ -1,4 +1,4 @@
-"""The environment, from the cube's own pixels (Eq. 5 and the paper's section on k).
+"""The environment, from the cube's own pixels (S_1 ... S_k of Eq. 1; the paper's section on k).
 
 1. Sky. Twelve K-means clusters of the spectra are compared with the library's sky: at
    air mass a and air temperature T a clear sky radiates about B(T) (1 - t^a), t being

@@ -1,6 +1,6 @@
 """Every material's evidence for every pixel, in a matrix product.
 
-Let T and V of Eq. 4 have Gaussian priors instead of bounds, and write B(T) as a series in
+Let T and V of Eq. 1 have Gaussian priors instead of bounds, and write B(T) as a series in
 Hermite polynomials of t = (T - T_0) / tau, whose coefficients are uncorrelated with unit
 variance when t is a standard normal number. The spectrum of a pixel of hypothesis h (a
 material, pure or partly sky, as in `exact.reduced`) is then Gaussian too. In noise units,
@@ -34,13 +34,13 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from .cholesky import cholesky, eye, log_det
 from .exact.reduced import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY
 from .known import COLDEST_PRIOR_K, MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
 from .planck import planck
 from .prior import lighting_scale
 
 QUADRATURE = 16
-BLOCK = 6  # of the factorisation
 
 
 class Known(NamedTuple):
@@ -153,7 +153,7 @@ def hypotheses(known: Known) -> Hypotheses:
     free = cholesky(gram, MAX_COMPONENTS)[1] @ of_x.transpose(1, 2)
     precision = free.transpose(1, 2) @ free
     root, _ = cholesky(precision, MAX_UNKNOWNS)
-    precision = precision + _eye(r, r, rows)
+    precision = precision + eye(r, r, rows)
     lower, inverse = cholesky(gram + of_x.transpose(1, 2) @ of_x, MAX_COMPONENTS)
     of_d, of_x = of_d @ inverse.transpose(1, 2), of_x @ inverse.transpose(1, 2)  # (L^-1 U F')'
     centre = mean.mean(dim=0)
@@ -175,11 +175,6 @@ def hypotheses(known: Known) -> Hypotheses:
         deviation_0=(of_d @ w_0)[..., 0].float(),
         sensitivity=(of_d @ of_x.transpose(1, 2) @ precision).float(),
     )
-
-
-def log_det(lower):
-    """(R,) log determinants of triangular matrices (R, q, q)."""
-    return torch.log(torch.diagonal(lower, dim1=1, dim2=2)).sum(dim=1)
 
 
 _NEVER = 1e15  # nats; misfits reach 1e12
@@ -230,54 +225,3 @@ def _planck_series(nodes_um, prior_k):
     temperature = torch.clamp(prior_k[0] + prior_k[1] * t, min=COLDEST_PRIOR_K)
     b = planck(nodes_um, temperature[:, None, None])
     return torch.einsum("di,ibn->dbn", w * value, b)
-
-
-def cholesky(gram, most):
-    """L and L^-1 of I + gram (R, q, q) = L L'; an exported graph is for any q <= most."""
-    if torch.compiler.is_exporting():
-        return _cholesky_by_blocks(gram, most)
-    eye = _eye(gram.shape[1], gram.shape[1], gram)
-    lower = torch.linalg.cholesky_ex(eye + gram)[0]
-    return lower, torch.linalg.solve_triangular(lower, eye, upper=False)
-
-
-def _cholesky_by_blocks(gram, most):
-    """The same, from operations that ONNX has.
-
-    Padded with the identity to `most`, a multiple of BLOCK; block by block, within a block by
-    elimination.
-    """
-    pad = _eye(most, gram.shape[1], gram)
-    a = pad @ gram @ pad.T + _eye(most, most, gram)
-    inverse = _eye(most, most, gram).expand_as(a)
-    lower, rows = [], []
-    for start in range(0, most, BLOCK):
-        # a and inverse hold the rows and columns not yet eliminated
-        root_inverse = _root_inverse(a[:, :BLOCK, :BLOCK])
-        row = root_inverse @ inverse[:, :BLOCK]  # of L^-1
-        upper = root_inverse @ a[:, :BLOCK]  # of L'
-        rest = upper[:, :, BLOCK:].transpose(1, 2)
-        rows.append(row)
-        lower.append(torch.cat([torch.zeros_like(row[:, :, :start]), upper], dim=2))
-        a = a[:, BLOCK:, BLOCK:] - rest @ upper[:, :, BLOCK:]
-        inverse = inverse[:, BLOCK:] - rest @ row
-    return (
-        pad.T @ torch.cat(lower, dim=1).transpose(1, 2) @ pad,
-        pad.T @ torch.cat(rows, dim=1) @ pad,
-    )
-
-
-def _eye(rows, columns, like):
-    return torch.eye(rows, columns, dtype=like.dtype, device=like.device)
-
-
-def _root_inverse(a):
-    """l^-1 of a (R, BLOCK, BLOCK) = l l', by Gauss's elimination of [a, I]."""
-    eye = _eye(BLOCK, BLOCK, a)
-    both = torch.cat([a, eye.expand_as(a)], dim=2)
-    for i in range(BLOCK - 1):
-        row, column = both[:, i : i + 1], both[:, :, i : i + 1]
-        below = (torch.arange(BLOCK, device=a.device)[:, None] > i).to(a.dtype)
-        both = both - (below * column / row[:, :, i : i + 1]) * row
-    pivots = (both[:, :, :BLOCK] * eye).sum(2, keepdim=True)
-    return both[:, :, BLOCK:] * torch.rsqrt(pivots)

@@ -1,6 +1,6 @@
 """What a pixel can tell: Fisher information of (T, V) given m, and the Cramer-Rao bound.
 
-In noise units Eq. 4 leans on its unknowns by
+In noise units Eq. 1 leans on its unknowns by
 
     j_T = e B'(T) / sigma,    j_V = (1 - e) (S_j - S_k) / sigma,  j = 1 ... k - 1
 
@@ -10,7 +10,7 @@ do better). No unbiased estimate of T has a smaller standard deviation than
     sigma_T = 1 / |P j_T|,    P: what is orthogonal to all j_V
 
 which is 1 / |j_T| where e = 1 and grows where j_T is nearly a combination of the j_V: a grey
-body among grey surroundings. V enters Eq. 4 linearly, so its value does not matter.
+body among grey surroundings. V enters Eq. 1 linearly, so its value does not matter.
 """
 
 import numpy as np

@@ -2,9 +2,9 @@
 
 From `evidence` a pixel and a hypothesis come as x^ and S^-1. In x = (V', c(T)), V' being
 (V - 1/k) / v with v the prior standard deviation, c(T) the Hermite polynomials of
-t = (T - T_0) / tau, Eq. 4 costs, in nats over the evidence and with V on the simplex,
+t = (T - T_0) / tau, Eq. 1 costs, in nats over the evidence and with V on the simplex,
 
-    E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 4, and the priors of `evidence`
+    E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 1, and the priors of `evidence`
               - |V'|^2 / 2 + kappa |V' - V'_0|^2 / 2      V's prior is moved to a guess V_0
               + (T - T_0)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is made narrower
 
@@ -27,7 +27,8 @@ from typing import NamedTuple
 import torch
 from torch.nn import functional
 
-from .evidence import Hypotheses, cholesky, hermite, log_det
+from .cholesky import cholesky, log_det
+from .evidence import Hypotheses, hermite
 from .known import MAX_T, MAX_UNKNOWNS, TERMS
 from .prior import lighting_scale
 

@@ -42,6 +42,11 @@ class Truth:
     visible: np.ndarray
     wavelength_um: np.ndarray
 
+    def __repr__(self):
+        height, width = self.material.shape
+        names = [self.material_names[i] for i in np.unique(self.material)]
+        return f"<Truth of {height} x {width} pixels: {', '.join(names)}>"
+
     def save(self, path):
         """Write a compressed npz, whole or not at all."""
         arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}

@@ -1,4 +1,4 @@
-"""Fixtures shared by the solver's tests: a library with features, and Eq. 4 pixels.
+"""Fixtures shared by the solver's tests: a library with features, and Eq. 1 pixels.
 
 Pixels here come from the k-object model itself; they test the solver, never accuracy.
 """
@@ -29,7 +29,7 @@ def small_environment(w, k=3):
 
 
 class Pixels:
-    """shape[0] x shape[1] pixels of Eq. 4 with sensor noise, and what made them."""
+    """shape[0] x shape[1] pixels of Eq. 1 with sensor noise, and what made them."""
 
     def __init__(self, bands=54, k=3, shape=(20, 30), netd=0.05, seed=0, library=None):
         rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""A library from a cube alone, on cubes of Eq. 4 whose sky and curves are known.
+"""A library from a cube alone, on cubes of Eq. 1 whose sky and curves are known.
 
 The curves' largest emissivity is the assumed one: their level cannot be found, their shape can.
 """

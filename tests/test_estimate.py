@@ -338,7 +338,7 @@ def test_more_objects_than_pixels():
 
 
 class Distilled:
-    """Pixels of grass and metal by Eq. 4 under k = 3 objects, the first two being sky."""
+    """Pixels of grass and metal by Eq. 1 under k = 3 objects, the first two being sky."""
 
     def __init__(self, sky=(0, 1), spread=None, off=None, netd=0.05, noise=False):
         rng = np.random.default_rng(0)

@@ -17,15 +17,14 @@ from traced import one_thread  # noqa: F401
 
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.bands import quadrature
+from physics.cholesky import _cholesky_by_blocks, cholesky
 from physics.evidence import (
     MAX_COMPONENTS,
     MAX_UNKNOWNS,
     TERMS,
     Hypotheses,
     Known,
-    _cholesky_by_blocks,
     _planck_series,
-    cholesky,
     components,
     evidence,
     hermite,
@@ -68,7 +67,7 @@ def surroundings(w, k, rich, sky):
 
 
 class World:
-    """A library, an environment and pixels of Eq. 4 with noise: what made them, and Known."""
+    """A library, an environment and pixels of Eq. 1 with noise: what made them, and Known."""
 
     def __init__(self, bands=MAX_COMPONENTS, k=3, materials=6, sky=True, rich=True, netd=0.05,
                  seed=0, shape=(6, 8), depth=(0.1, 0.3), library=None, material=None,
@@ -180,7 +179,7 @@ class Dense:
         return (1 - self.alpha) * (self.nodes_e * b).mean(axis=-1) / x.sigma
 
     def spectrum(self, t, lighting):
-        """Eq. 4 with Planck's law itself, in noise units, t in prior deviations."""
+        """Eq. 1 with Planck's law itself, in noise units, t in prior deviations."""
         x = self.known
         b = planck(x.nodes_um, x.prior_k[0] + x.prior_k[1] * t)
         glow = (1 - self.alpha) * (self.nodes_e * b).mean(axis=-1)

@@ -49,7 +49,7 @@ def runtime():
 
 
 def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0):
-    """radiance and known arrays of a cube by Eq. 4, with as many spreads as said."""
+    """radiance and known arrays of a cube by Eq. 1, with as many spreads as said."""
     rng = np.random.default_rng(seed)
     pixels, library = shape[0] * shape[1], small_library(materials, seed)
     w = np.linspace(8.05, 13.95, bands) if bands > 1 else np.array([10.0])

@@ -36,7 +36,7 @@ def test_k_objects_need_k_bands(k):
 
 
 def test_the_likeliest_t_of_noisy_spectra_scatters_as_the_bound_says():
-    """Newton's iteration on Eq. 4 itself, V free of bounds, 20,000 draws of noise."""
+    """Newton's iteration on Eq. 1 itself, V free of bounds, 20,000 draws of noise."""
     rng = np.random.default_rng(0)
     n, t, v = 20_000, 295.0, np.array([0.4, 0.6])
     s = E * planck(W, t) + (1 - E) * (v @ ENVIRONMENT) + NOISE * rng.normal(size=(n, 12))

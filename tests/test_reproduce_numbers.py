@@ -23,7 +23,7 @@ W4, FWHM4 = equidistant_bands(4)
 
 
 def eq4(p, temperature_k, material, lighting):
-    """S and X (P, bands) of Eq. 4 with the library and environment of some `Pixels`."""
+    """S and X (P, bands) of Eq. 1 with the library and environment of some `Pixels`."""
     e = p.library.at(p.wavelength)[material]
     return render(temperature_k, e, lighting, p.environment.radiance, p.wavelength)
 

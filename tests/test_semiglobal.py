@@ -1,6 +1,6 @@
 """The semi-global objective E against a slow one, its descent from any start, its symmetries.
 
-Pixels here come from the k-object model (Eq. 4); they test the solver, never accuracy.
+Pixels here come from the k-object model (Eq. 1); they test the solver, never accuracy.
 """
 
 import math
@@ -34,7 +34,7 @@ def smooth_map(rng, shape, scale):
 
 
 class Scene:
-    """Regions of one material each, T and V smooth within them, by Eq. 4 with noise."""
+    """Regions of one material each, T and V smooth within them, by Eq. 1 with noise."""
 
     def __init__(self, library, environment, shape=(14, 18), netd=0.05, seed=0):
         rng = np.random.default_rng(seed)

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import made_up
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -479,3 +480,13 @@ def test_a_masked_array_is_refused():
     s[0, 1, 1] = np.ma.masked
     with pytest.raises(InputError, match="must not be masked"):
         HeatCube(s, [10.0, 11.0])
+
+
+def test_what_is_looked_at_in_a_notebook_says_what_it_is():
+    e = Environment(np.ones((2, 3)), [8.0, 9.0, 10.0], sky=(0,))
+    assert repr(e) == "<Environment of 2 objects, of which sky 0, 3 bands at 8-10 um>"
+    truth = made_up.truth(4, 6)
+    assert repr(truth).startswith("<Truth of 4 x 6 pixels: ") and "\n" not in repr(truth)
+    assert all(
+        name in repr(truth) for name in np.unique(np.array(truth.material_names)[truth.material])
+    )

@@ -33,5 +33,6 @@ def prepared(cube, library):
     beyond = dict.fromkeys(whole[~there].tolist(), "beyond the library")
     left_out = dict(sorted((left_out | beyond).items()))
     camera_netd_k = cube.netd_k
-    cube = replace(cube, netd_k=max(camera_netd_k, LEAST_NETD_K))
+    if camera_netd_k < LEAST_NETD_K:
+        cube = replace(cube, netd_k=LEAST_NETD_K)
     return Prepared(cube, left_out, shift, whole[there], camera_netd_k)

@@ -1,7 +1,7 @@
 """The reduced forward model: a pixel meets a hypothesis only through r inner products.
 
 A hypothesis is a material m, or m with a share alpha of the pixel looking past it at the
-sky (the rim of a leaf; alpha = 0 for a pure pixel, 1 for the sky itself). Eq. 4 in noise
+sky (the rim of a leaf; alpha = 0 for a pure pixel, 1 for the sky itself). Eq. 1 in noise
 units (s = S / sigma) is then linear in V and nonlinear only in the scalar T:
 
     s~ = alpha S_sky / sigma + (1 - alpha) [e_m B(T) + (1 - e_m) sum_j V_j S_j] / sigma = A u

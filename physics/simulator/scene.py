@@ -27,7 +27,7 @@ class SceneObject:
     smooth         True: shading normals interpolated from the vertices; False: facets
     name           for messages
     mirror         share of the reflected light that leaves as from a mirror, 0-1; the rest is
-                   Lambertian, as Eq. 4 takes all of it to be
+                   Lambertian, as Eq. 1 takes all of it to be
     """
 
     mesh: trimesh.Trimesh
