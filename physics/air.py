@@ -5,8 +5,8 @@ Seen through it, a surface of radiance S shows
     S' = t S + (1 - t) B(T_air)
 
 t, the transmittance of so many metres of usual air near the ground (`sky`), is least where carbon
-dioxide and water vapour absorb, beyond 13 um and below 8.5 um. A clear sky is as bright through
-that air as the air is part of it: from where it begins, less of the sky lies ahead.
+dioxide and water vapour absorb, beyond 13 um and below 8.5 um. A clear sky looks as bright
+with that air as without: it is part of the sky's own path.
 """
 
 from typing import NamedTuple
@@ -38,7 +38,7 @@ class Air(NamedTuple):
 
     @property
     def noise(self):
-        """By how much more noise S has than S', in the geometric mean over the bands, with which
-        spectra in units of it are as likely as before. One number: 300 m leave the last band 1.5
-        times as much noise as that, and the windows less."""
+        """How many times as noisy S is as S': the geometric mean over bands of 1 / t, by which
+        log likelihoods stay comparable. One number: 300 m leave the last band 1.5 times as much
+        noise as that, and the windows less."""
         return float(np.exp(-np.log(self.transmittance).mean()))

@@ -13,6 +13,9 @@ from .prior import lighting_scale, scene_temperatures
 
 FAR_K = 100.0  # from the cube: in other units
 FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
+WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance
+# colder than the scene, and if it were per cm-1 within as many K of it: it is per cm-1
+COLD_SKY_K, NEAR_K = 110.0, 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +142,18 @@ class Environment:
                 f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
             )
         sky = objects_k[list(self.sky)].max(initial=0.0)
-        if sky > hottest + FAR_K:
+        if sky > hottest + WARM_SKY_K:
             raise InputError(
                 f"environment: its sky looks like {sky:.0f} K in some band, the cube like "
-                f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
+                f"{hottest:.0f} K at most; give both as radiance in W m-2 sr-1 um-1, not as "
+                "irradiance."
+            )
+        jacobian = 1e4 / self.wavelength_um**2
+        converted = brightness_temperature(self.wavelength_um, self.radiance * jacobian).max()
+        if warmest < half - COLD_SKY_K and abs(converted - half) < NEAR_K:
+            raise InputError(
+                f"environment: it looks like {warmest:.0f} K at most, but if it is per cm-1 like "
+                f"{converted:.0f} K; multiply it by 1e4 / wavelength^2 (um)."
             )
         if warmest < half - (FAR_SKY_K if len(self.sky) == len(self) else FAR_K):
             raise InputError(

@@ -1,4 +1,4 @@
-"""The exceptions that mean: the input is wrong, and this is how to mend it."""
+"""Exceptions for invalid input, whose message says how to mend it."""
 
 
 class InputError(ValueError):

@@ -1,5 +1,5 @@
-"""The circumstances of a cube, found before any of its pixels is answered: what lights the scene,
-and what is wrong with or before the camera.
+"""What is found before any pixel is solved: the environment that lights the scene, and what is
+wrong with or before the camera.
 
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`). Then come the

@@ -1,4 +1,4 @@
-"""Packages load undisturbed: by Ctrl-C, and by the garbage collector."""
+"""Ctrl-C and garbage collection wait while packages load."""
 
 import gc
 import signal

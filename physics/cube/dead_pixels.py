@@ -93,7 +93,7 @@ def dead_pixels(radiance, wavelength_um, stated=False):
 
 def gaps(dead):
     """Of dead pixels (height, width): those in areas of three pixels and more across, as beyond the
-    edge of a picture. What is less is the detector's, and its neighbours tell what is there."""
+    edge of a picture. Smaller clusters are the detector's, and are filled by their neighbours."""
     from scipy.ndimage import binary_opening  # few cubes need it
 
     if not dead.any():

@@ -49,8 +49,8 @@ def check_wavelength(wavelength_um, what):
 
 
 def sampling_step(shape, at_least):
-    """The step through a picture's pixels, row by row, that picks at_least so many of them, and of
-    every column alike: it shares no factor with the width."""
+    """The stride over row-major pixels that picks at_least so many of them, and of all columns
+    equally: it shares no factor with the width."""
     step = max(1, shape[0] * shape[1] // at_least)
     while math.gcd(step, shape[1]) > 1:
         step -= 1

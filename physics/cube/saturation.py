@@ -1,4 +1,4 @@
-"""Saturated pixels: what is brighter than a band can show is shown as bright as it can.
+"""Saturated pixels: values that are clipped at the highest that a band can show.
 
 Such a pixel's T is a lower bound. A band has a ceiling where its brightest value is not a tail's
 end but a pile: far more pixels have that very value than any other of the brightest. A camera whose

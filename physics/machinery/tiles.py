@@ -28,8 +28,8 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
     multiple  tiles begin at multiples of it; halo must be one
     progress  called as progress(done, total) after each tile
     at_once   tiles that are worked on at a time, in threads
-    cuts      rows and columns, each from 0 to the image's last, beyond which no tile goes but by
-              its halo; none within the image if None
+    cuts      borders in rows and in columns, the image's own included, that no tile crosses but by
+              its halo; None: the image's own
     """
     height, width = image.shape[-2:]
     down, across = cuts or ((0, height), (0, width))

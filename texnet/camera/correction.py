@@ -54,8 +54,8 @@ RIGHT = Calibration()
 
 def corrected(cube, c, distance_m=None):
     """The HeatCube that a right camera would have shown, of a Calibration; distance_m (height,
-    width) of the Air before each pixel, that of the Calibration if None, as whose noise all of it
-    has."""
+    width) of the Air before each pixel, if None the Calibration's. The noise is always that of the
+    Calibration's Air."""
     noise = c.noise * (c.air.noise if c.air else 1.0)
     netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
     if c.keeps_radiance:
