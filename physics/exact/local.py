@@ -14,7 +14,8 @@ The answer is the material of least energy, with its T and V. `faces` solves eve
 as if V might be negative. Where none is, that is the answer; elsewhere it gives about a lower
 bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it. The others
 are put on the face of the simplex where their V is not negative; the few that do not get there are
-left to `simplex`.
+left to `simplex`. T starts at the brightness temperature of the middle band; of metals, whose J may
+have two minima, that finds the nearer.
 """
 
 from dataclasses import dataclass
