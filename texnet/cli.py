@@ -94,33 +94,41 @@ class _Version(argparse.Action):
 
 
 def _parser():
-    common = _Parser(add_help=False)
-    common.add_argument("--json", action="store_true", help="print one JSON object last")
-
     parser = _Parser(prog="texnet", description="TeX vision from thermal hyperspectral cubes.")
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
-    of_texnet = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    to = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    for add in (_demo, _cubes, _decompose, _training, _measuring, _library):
+        add(to)
+    return parser
 
-    def add(to, name, run, text):
-        command = to.add_parser(name, parents=[common], help=text, description=text)
-        command.set_defaults(run=run)
-        return command
 
-    def add_device(p):
-        p.add_argument(
-            "--device", choices=("cpu", "cuda"), default="cpu",
-            help="where the network is computed, default: cpu",
-        )  # fmt: skip
+def _add(to, name, run, text):
+    """A command of that name, beside others."""
+    command = to.add_parser(name, help=text, description=text)
+    command.add_argument("--json", action="store_true", help="print one JSON object last")
+    command.set_defaults(run=run)
+    return command
 
-    p = add(of_texnet, "demo", demo, "decompose the packaged night scene and draw the pictures")
+
+def _add_device(p):
+    p.add_argument(
+        "--device", choices=("cpu", "cuda"), default="cpu",
+        help="where the network is computed, default: cpu",
+    )  # fmt: skip
+
+
+def _demo(to):
+    p = _add(to, "demo", demo, "decompose the packaged night scene and draw the pictures")
     p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
     p.set_defaults(
         library=None, method=None, k=None, model=None, compare=False, budget=None, device="cpu",
         calibration_error=0.0, environment=None,
     )  # fmt: skip
 
+
+def _cubes(to):
     text = "turn a third-party cube, or a part of one, into one for decompose"
-    p = add(of_texnet, "import", commands.import_, text)
+    p = _add(to, "import", commands.import_, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
         help="ENVI .hdr or its binary, HADAR or TeX-1500 .mat, .npz, .npy (bands first), or what "
@@ -152,7 +160,7 @@ def _parser():
         help="keep the bands with centres in it, um",
     )
 
-    p = add(of_texnet, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
+    p = _add(to, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
     p.add_argument(
         "scene", metavar="SCENE",
         help="forest, street, patches, patterned, room or random, or a .json scene file",
@@ -179,12 +187,14 @@ def _parser():
     )  # fmt: skip
 
     text = "which N filters tell materials and temperatures best"
-    p = add(of_texnet, "bands", commands.bands, text)
+    p = _add(to, "bands", commands.bands, text)
     p.add_argument("--n", metavar="N", type=_integer(3, 16), required=True, help="3-16")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
     p.add_argument("--out", metavar="FILE", type=Path, help="JSON, for simulate --bands")
 
-    p = add(of_texnet, "decompose", decompose, "decompose a cube into TeX")
+
+def _decompose(to):
+    p = _add(to, "decompose", decompose, "decompose a cube into TeX")
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz")
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
@@ -207,7 +217,7 @@ def _parser():
         "--model", metavar="FILE", type=Path,
         help=".onnx, or .safetensors from train or finetune; default: the one shipped",
     )  # fmt: skip
-    add_device(p)
+    _add_device(p)
     p.add_argument(
         "--calibration-error", metavar="K", type=_kelvin, default=0.0,
         help="uncertainty of all radiance together, in offset or gain, as the camera's maker "
@@ -224,34 +234,13 @@ def _parser():
         "W m-2 sr-1 um-1, headed wavelength_um,sky,...; what is not sky is found, if all is",
     )  # fmt: skip
 
-    def add_training(name, run, text, scenes, epochs, per_epoch):
-        p = add(of_texnet, name, run, text)
-        p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".safetensors")
-        p.add_argument(
-            "--scenes", metavar="N", type=_integer(1, 100_000), default=scenes,
-            help=f"simulated scenes to train on, default: {scenes}",
-        )  # fmt: skip
-        p.add_argument(
-            "--epochs", metavar="N", type=_integer(1, 10_000), default=epochs,
-            help=f"of {per_epoch} draws each, default: {epochs}",
-        )  # fmt: skip
-        p.add_argument(
-            "--cache", metavar="DIR", type=_folder,
-            default=Path(os.path.expanduser("~"), ".cache", "texnet"),
-            help="scenes and checkpoints, default: ~/.cache/texnet",
-        )  # fmt: skip
-        p.add_argument(
-            "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
-            help="of scenes, draws and first weights, default: 0",
-        )  # fmt: skip
-        add_device(p)
-        return p
 
+def _training(to):
     # the defaults of training.train and training.finetune, which are slow to import
     text = "train a network on simulated scenes; about an hour"
-    add_training("train", commands.train, text, 1600, 60, 320)
+    _add_training(to, "train", commands.train, text, 1600, 60, 320)
     text = "adapt a network to a library; minutes"
-    p = add_training("finetune", commands.finetune, text, 48, 3, 160)
+    p = _add_training(to, "finetune", commands.finetune, text, 48, 3, 160)
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / WEIGHTS,
@@ -262,28 +251,54 @@ def _parser():
         help="train on these alone, of which no truth is known, by Eq. 1; .exr or .npz",
     )  # fmt: skip
 
-    p = add(of_texnet, "export", commands.export, "write a network as one ONNX file; minutes")
+    p = _add(to, "export", commands.export, "write a network as one ONNX file; minutes")
     p.add_argument("model", metavar="MODEL", type=Path, help=".safetensors")
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".onnx")
 
-    p = of_texnet.add_parser("bench", help="measure this machine")
+
+def _add_training(to, name, run, text, scenes, epochs, per_epoch):
+    p = _add(to, name, run, text)
+    p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".safetensors")
+    p.add_argument(
+        "--scenes", metavar="N", type=_integer(1, 100_000), default=scenes,
+        help=f"simulated scenes to train on, default: {scenes}",
+    )  # fmt: skip
+    p.add_argument(
+        "--epochs", metavar="N", type=_integer(1, 10_000), default=epochs,
+        help=f"of {per_epoch} draws each, default: {epochs}",
+    )  # fmt: skip
+    p.add_argument(
+        "--cache", metavar="DIR", type=_folder,
+        default=Path(os.path.expanduser("~"), ".cache", "texnet"),
+        help="scenes and checkpoints, default: ~/.cache/texnet",
+    )  # fmt: skip
+    p.add_argument(
+        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
+        help="of scenes, draws and first weights, default: 0",
+    )  # fmt: skip
+    _add_device(p)
+    return p
+
+
+def _measuring(to):
+    p = to.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     text = "speed beside the peers and the limits; up to twelve minutes"
-    p = add(actions, "speed", commands.bench_speed, text)
+    p = _add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--large", action="store_true",
         help="a cube of 3.6 GB, too: five minutes more, and 20 GB of disk",
     )  # fmt: skip
     text = "where methods fail, and whether they say so; an hour"
-    p = add(actions, "stability", commands.bench_stability, text)
+    p = _add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--axes", metavar="AXIS", nargs="+",
         help="some of the difficulties, by their names in docs/atlas.md, default: all",
     )  # fmt: skip
     text = "accuracy against time beside the peers; up to 17 minutes"
-    p = add(actions, "chart", commands.bench_chart, text)
+    p = _add(actions, "chart", commands.bench_chart, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--network", metavar="FILE", type=Path, action="append", default=[],
@@ -291,28 +306,30 @@ def _parser():
     )  # fmt: skip
 
     text = "one of the paper's results, on scenes of our own"
-    p = add(of_texnet, "reproduce", commands.reproduce, text)
+    p = _add(to, "reproduce", commands.reproduce, text)
     p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
     p.add_argument(
         "--out", metavar="DIR", type=_folder, default=Path("reproduce"), help="default: reproduce"
     )
     p.add_argument("--full", action="store_true", help="more pixels and scenes; minutes to hours")
 
-    p = of_texnet.add_parser("library", help="list, import or make libraries of materials")
+
+def _library(to):
+    p = to.add_parser("library", help="list, import or make libraries of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
     of = "another library than the one that ships"
-    p = add(actions, "list", commands.library_list, "name every material")
+    p = _add(actions, "list", commands.library_list, "name every material")
     p.add_argument("--library", metavar="FILE", type=Path, help=of)
-    p = add(actions, "show", commands.library_show, "one material: sources and emissivity")
+    p = _add(actions, "show", commands.library_show, "one material: sources and emissivity")
     p.add_argument("name", metavar="NAME")
     p.add_argument("--library", metavar="FILE", type=Path, help=of)
-    p = add(actions, "rebuild", commands.library_rebuild, "compute it from optical constants")
+    p = _add(actions, "rebuild", commands.library_rebuild, "compute it from optical constants")
     p.add_argument(
         "--out", metavar="FILE", type=Path,
         default=files("physics") / "data" / "starter_library.json", help="default: the package's",
     )  # fmt: skip
     text = "turn a third-party library into one for --library"
-    p = add(actions, "import", commands.library_import, text)
+    p = _add(actions, "import", commands.library_import, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
         help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv",
@@ -329,14 +346,13 @@ def _parser():
     )
 
     text = "make a library from nothing but a cube with sky in view"
-    p = add(actions, "from-cube", commands.library_from_cube, text)
+    p = _add(actions, "from-cube", commands.library_from_cube, text)
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz, 20 bands or more")
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--materials", metavar="N", type=_integer(1, 30),
         help="beside the sky; default: as many as its pixels need",
     )  # fmt: skip
-    return parser
 
 
 def _integer(low, high):
@@ -393,13 +409,7 @@ def _slice(text):
 
 
 def _kelvin(text):
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= MAX_NETD_K:
-        raise argparse.ArgumentTypeError(f"need 0 to {MAX_NETD_K:g} K, got {text!r}")
-    return value
+    return _number(text, lambda k: 0 <= k <= MAX_NETD_K, f"need 0 to {MAX_NETD_K:g} K")
 
 
 def _above_0(text):
@@ -410,12 +420,16 @@ def _above_0(text):
 
 
 def _seconds(text):
+    return _number(text, lambda s: 0 < s < math.inf, "need a number of seconds above 0")
+
+
+def _number(text, fits, need):
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"need a number of seconds above 0, got {text!r}")
+    if not fits(value):
+        raise argparse.ArgumentTypeError(f"{need}, got {text!r}")
     return value
 
 
