@@ -5,8 +5,8 @@ Seen through it, a surface of radiance S shows
     S' = t S + (1 - t) B(T_air)
 
 t, the transmittance of so many metres of usual air near the ground (`sky`), is least where carbon
-dioxide and water vapour absorb, beyond 13 um and below 8.5 um. A clear sky looks as bright
-with that air as without: it is part of the sky's own path.
+dioxide and water vapour absorb, beyond 13 um and below 8.5 um. A clear sky looks as bright with
+that air as without: it is part of the sky's own path.
 """
 
 from typing import NamedTuple

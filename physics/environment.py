@@ -1,5 +1,4 @@
-"""Environment: the k equivalent objects whose light falls on every pixel: S_1 ... S_k of
-Eq. 1."""
+"""Environment: S_1 ... S_k of Eq. 1, the k objects whose light falls on every pixel."""
 
 from dataclasses import dataclass, replace
 
