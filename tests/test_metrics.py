@@ -47,6 +47,23 @@ def test_known_shifts(truth):
     assert m["texture_ssim"] < 0
 
 
+def test_pixels_that_were_not_measured_count_nowhere(truth):
+    """As beyond the edge of an orthorectified strip, where all maps are a guess."""
+    d = made_up.perfect(truth)
+    d.dead[:, : d.dead.shape[1] // 3] = True
+    wrong = {
+        "temperature_k": 400.0, "material": (d.material + 1) % 4, "texture": 99.0, "unknown": True,
+        "sky_texture": -truth.sky_texture, "material_probability": 0.0,
+    }  # fmt: skip
+    for name, value in wrong.items():
+        setattr(d, name, np.where(d.dead, value, getattr(d, name)))
+    m = evaluate(d, truth)
+    for name in ("temperature_rmse_k", "cross_entropy", "texture_mse_per_band", "abstention"):
+        assert m[name] == pytest.approx(0, abs=1e-6)
+    for name in ("material_accuracy", "mean_iou", "accuracy_answered", *TEXTURE_SCORES):
+        assert m[name] == pytest.approx(1, abs=1e-6)
+
+
 def test_sky_pixels_do_not_count_for_temperature_and_texture(truth):
     d = made_up.perfect(truth)
     sky = ~non_sky(truth)

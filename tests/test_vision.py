@@ -219,6 +219,16 @@ def test_legends_name_what_is_there_in_one_order(drawn):
     assert legend(drawn(texnet.figures.maps_figure, d, truth)) == [*shown, "bark"]
 
 
+def test_a_legend_that_is_full_leaves_out_what_only_the_answer_has(drawn, monkeypatch):
+    truth = made_up.truth(40, 50)
+    d = made_up.perfect(truth)
+    d.material[:10] = list(d.material_names).index("bark")
+    lacking = renamed(truth, bark="log")
+    monkeypatch.setattr(texnet.figures, "MOST_NAMES", 4)
+    shown = legend(drawn(texnet.figures.maps_figure, d, lacking))
+    assert "log (truth)" in shown and "bark" not in shown and shown[-1] == "and 1 more"
+
+
 def test_names_that_the_library_lacks_are_no_errors_of_the_answer(drawn):
     truth = made_up.truth()
     d = made_up.perfect(truth)
