@@ -10,7 +10,6 @@ environment again, from the cube as a right camera would have shown it.
 """
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -64,18 +63,46 @@ def circumstances(
     cube's.
     """
     lap = lap or (lambda stage: None)
-    ready, given = prepared(cube, library), environment
-    if given is not None:
-        given = given.only(np.isin(cube.wavelength_um, ready.stated_um))
-        given = replace(given, wavelength_um=ready.cube.wavelength_um)
-        given.check(ready.cube)
-        given = completed(given, ready.cube, library, seed)
-    cube, beyond = ready.cube, saturated(ready.cube)
+    ready = prepared(cube, library)
+    if environment is not None:
+        environment = _at_true_bands(environment, cube, ready, library, seed)
+    beyond = saturated(ready.cube)
     lap("bands")
-    cold, is_hot, _ = split_hot(cube)
-    left_out = cube.dead | beyond | is_hot
-    counting = given is None and k in (None, "auto")
-    objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
+    cold, is_hot, _ = split_hot(ready.cube)
+    of = dict(look=look, library=library, left_out=ready.cube.dead | beyond | is_hot)
+    if environment is None:
+        found = _with_estimated(ready.cube, cold, k, seed, of, lap, progress)
+    else:
+        found = _with_given(ready.cube, cold, environment, of, lap)
+    lap("calibration")
+    return Circumstances(ready=ready, saturated=beyond, **found)
+
+
+def _at_true_bands(given, cube, ready, library, seed):
+    """An Environment given at a HeatCube's bands, at those that are used, and where they were found
+    to lie; with the objects that are not sky, if it has none."""
+    given = given.only(np.isin(cube.wavelength_um, ready.stated_um))
+    given = replace(given, wavelength_um=ready.cube.wavelength_um)
+    given.check(ready.cube)
+    return completed(given, ready.cube, library, seed)
+
+
+def _with_given(cube, cold, given, of, lap):
+    """What is found of a HeatCube, and of it cold, without what is far hotter, in an Environment
+    that was given; of is what `calibration` takes besides."""
+    lap("environment")
+    found, error_k = error_of_given(cold, given, **of)
+    return dict(
+        cube=corrected(cube, found) if found != RIGHT else cube,
+        environment=given.off_by(error_k) if error_k else given, environment_error_k=error_k,
+        sky_assumed=False, found=found, distance_m=None,
+    )  # fmt: skip
+
+
+def _with_estimated(cube, cold, k, seed, of, lap, progress):
+    """The same in an Environment of k objects that is estimated, again where the cube is corrected,
+    and of a sky that is assumed, where that explains the pixels."""
+    library = of["library"]
 
     def estimate(cube, objects, assume_sky=False):
         return estimate_environment(cube, library, objects, seed, assume_sky)
@@ -86,36 +113,30 @@ def circumstances(
         with compiling(progress):
             return supported_count(cube, library, seed, assume_sky)
 
-    environment = estimate(cube, objects) if given is None else given
+    counting = k in (None, "auto")
+    objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
+    environment = estimate(cube, objects)
     if counting and environment.sky:
         counting = False
         if k == "auto":
             objects = supported()
             environment = estimate(cube, objects)
     lap("environment")
-    assumed, error_k, metres = False, 0.0, None
-    of = partial(calibration, cold, look=look, library=library, left_out=left_out)
-    if given is not None:
-        found, error_k = error_of_given(cold, given, look, library, left_out)
-        environment = given.off_by(error_k) if error_k else given
-    else:
-        found = of(environment)
-        if not environment.sky and (under := estimate(cube, objects, assume_sky=True)).sky:
-            assumed = sky_is_likelier(cold, environment, found, under, look, library, left_out)
-        if counting:
-            objects = supported(assumed)
-        if counting or assumed:
-            environment = estimate(cube, objects, assumed)
-            found = of(environment, in_view=False)
+    found, assumed, metres = calibration(cold, environment, **of), False, None
+    if not environment.sky and (under := estimate(cube, objects, assume_sky=True)).sky:
+        assumed = sky_is_likelier(cold, environment, found, under, **of)
+    if counting:
+        objects = supported(assumed)
+    if counting or assumed:
+        environment = estimate(cube, objects, assumed)
+        found = calibration(cold, environment, **of, in_view=False)
     if found.air:
         through = estimate(corrected(cube, found), objects, assumed)
-        metres = distances(cold, through, look, len(library), found)
+        metres = distances(cold, through, of["look"], len(library), found)
     if found != RIGHT:
         cube = corrected(cube, found, metres)
-        if given is None:
-            environment = estimate(cube, objects, assumed)
-    lap("calibration")
-    return Circumstances(
-        ready=ready, saturated=beyond, cube=cube, environment=environment,
-        sky_assumed=assumed, environment_error_k=error_k, found=found, distance_m=metres,
+        environment = estimate(cube, objects, assumed)
+    return dict(
+        cube=cube, environment=environment, environment_error_k=0.0, sky_assumed=assumed,
+        found=found, distance_m=metres,
     )  # fmt: skip
