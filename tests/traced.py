@@ -2,6 +2,7 @@
 
 import functools
 import json
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -13,6 +14,8 @@ from physics.cube.heat_cube import HeatCube
 from physics.simulator import simulate
 from physics.simulator.presets import preset
 from texnet.cli import main
+
+DOCUMENTED = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 
 
 @functools.cache
@@ -33,11 +36,16 @@ def averaged(cube, bands):
 
 
 def said(capsys, cube, out, *more):
-    """What decompose says of a cube file, its JSON, and the arrays that it writes."""
+    """What decompose says of a cube file, its JSON, and the arrays that it writes, by documented
+    keys."""
     assert main(["decompose", str(cube), "--out", str(out), "--json", *more]) == 0
     text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    result = json.loads(result)
     with np.load(out / "decomposition.npz") as npz:
-        return text, json.loads(result), dict(npz)
+        arrays = dict(npz)
+    for key in (*result, *arrays):
+        assert f"`{key}`" in DOCUMENTED, key
+    return text, result, arrays
 
 
 def names_of(answer):
