@@ -145,9 +145,13 @@ def test_a_furnace_in_the_middle_is_foreseen_as_the_rest():
     with (
         mock.patch.object(module, "CROP", 60),
         mock.patch.object(module, "best_first", lambda bands: ["local"]),
+        mock.patch.object(module, "decompose", wraps=module.decompose) as tried,
     ):
-        method, foreseen = choose(burning, library, 3, 1e9, lambda method: None)
-    assert method == "local" and 0 < foreseen
+        choose(burning, library, 3, 1e9, lambda method: None)
+    parts = [call.args[0] for call in tried.call_args_list]
+    assert any(part.dead.mean() > 0.5 for part in parts)
+    for part in parts:
+        assert (part.measured()[:, ~part.dead].T < planck(cube.wavelength_um, 400.0)).all()
 
 
 def test_a_budget_chooses_and_is_reported(tmp_path, cube_and_library, capfd, monkeypatch):

@@ -48,7 +48,7 @@ def assert_same(a, b, atol, at=np.s_[...]):
 
 
 def test_it_is_small():
-    assert sum(p.numel() for p in TeXNet().parameters()) < 200_000
+    assert sum(p.numel() for p in TeXNet().parameters()) < 110_000
 
 
 def test_permuting_the_library_permutes_the_materials():
