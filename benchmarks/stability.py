@@ -454,14 +454,11 @@ def answer(case, method, model):
     )  # fmt: skip
 
 
-def row_of(case, d, x):
-    """What stability.csv has of one answer; x (bands,) is what a brightness temperature is told of
-    what surfaces reflect."""
+def row_of(case, d, grey):
+    """What stability.csv has of one answer; grey (n,) K is the ground's brightness temperature."""
     m = evaluate(d, case.truth)
     ground = non_sky(case.truth)
     t, sigma = case.truth.temperature_k[ground], d.temperature_sigma_k[ground]
-    law = BandPlanck(case.cube.wavelength_um, case.cube.fwhm_um)
-    grey = brightness.separate(case.cube.radiance[:, ground].T.astype(float), law, x)[0]
     excess = np.abs(d.temperature_k[ground] - t) - np.abs(grey - t)
     maps = {name: np.asarray(getattr(d, name)) for name in (
         "temperature_k", "temperature_sigma_k", "thermal_lighting", "texture", "sky_texture",
@@ -499,13 +496,16 @@ def measured(axis, level, view, library, model):
     of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
     case = AXES[axis].case(view, library, level)
     again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
-    x = surroundings(view.traced, case.truth, case.cube.wavelength_um, case.cube.fwhm_um)
+    bands = case.cube.wavelength_um, case.cube.fwhm_um
+    x = surroundings(view.traced, case.truth, *bands)
+    ground = case.cube.radiance[:, non_sky(case.truth)].T.astype(float)
+    grey, _ = brightness.separate(ground, BandPlanck(*bands), x)
     for method in METHODS:
         row = of | {"method": method}
         try:
             d = answer(case, method, model)
             moved = amplification(case, d, answer(again, method, model))
-            yield row | row_of(case, d, x) | {"amplification": moved}
+            yield row | row_of(case, d, grey) | {"amplification": moved}
         except InputError as e:  # one sentence instead of an answer
             yield row | dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
 

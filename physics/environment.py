@@ -147,12 +147,12 @@ class Environment:
                 f"{hottest:.0f} K at most; give both as radiance in W m-2 sr-1 um-1, not as "
                 "irradiance."
             )
-        jacobian = 1e4 / self.wavelength_um**2
-        converted = brightness_temperature(self.wavelength_um, self.radiance * jacobian).max()
+        per_um = self.radiance * 1e4 / self.wavelength_um**2
+        converted = brightness_temperature(self.wavelength_um, per_um).max()
         if warmest < half - COLD_SKY_K and abs(converted - half) < NEAR_K:
             raise InputError(
-                f"environment: it looks like {warmest:.0f} K at most, but if it is per cm-1 like "
-                f"{converted:.0f} K; multiply it by 1e4 / wavelength^2 (um)."
+                f"environment: it looks like {warmest:.0f} K at most, or like {converted:.0f} K if "
+                "it is per cm-1: then multiply it by 1e4 / wavelength^2 (um)."
             )
         if warmest < half - (FAR_SKY_K if len(self.sky) == len(self) else FAR_K):
             raise InputError(

@@ -1,6 +1,6 @@
 """What a pixel can tell: Fisher information of (T, V) given m, and the Cramer-Rao bound.
 
-In noise units Eq. 1 leans on its unknowns by
+In noise units Eq. 1 depends on its unknowns by
 
     j_T = e B'(T) / sigma,    j_V = (1 - e) (S_j - S_k) / sigma,  j = 1 ... k - 1
 

@@ -7,8 +7,8 @@ from .planck import brightness_temperature
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
-# where fewer pixels look unlike the sky, noise may hide the others; what is then FAR warmer than
-# the rest is not what is usual
+# where fewer than FEW of the pixels look unlike the sky, noise may hide the rest of the ground; if
+# those few are FAR_K warmer than all others, they are not what is usual
 FEW, FAR_K = 0.05, 15.0
 # where the colder half are mirrors, the usual T is at most WARMER_K below the quantile 1 - WARM.
 # They are if their bands differ by UNEVEN_K more than those of the WARM: on 59 scenes outside the
@@ -29,12 +29,12 @@ def scene_temperatures(cube):
 
 def usual_temperature(cube, environment):
     """K: the median of what a HeatCube's pixels, but those of the Environment's sky, look like in
-    the scene's most opaque band. It is that of most objects, whatever these are made of: a mirror
-    too looks nearly as warm as they where the sky is opaque. Nor is it less than the sky's own
-    there, which is about the air's: mirrors of the clear sky overhead look colder than the sky in
-    view. Where no band is opaque mirrors look much colder than they are; if they are the colder
-    half of the pixels, as their bands tell (of three and more), it is not far below the warmest
-    tenth.
+    the band in which they look warmest, the most opaque. It is that of most objects, whatever these
+    are made of: a mirror too looks nearly as warm as they where the sky is opaque. Nor is it less
+    than the sky's own there, which is about the air's: mirrors of the clear sky overhead look
+    colder than the sky in view. Where no band is opaque mirrors look much colder than they are; if
+    they are the colder half of the pixels, as their bands tell (of three and more), it is not far
+    below the warmest tenth.
     """
     s = cube.sample(USUAL_SAMPLES)
     t = brightness_temperature(cube.wavelength_um, s)

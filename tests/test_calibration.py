@@ -414,8 +414,8 @@ def test_the_noise_rises_without_a_step(residual, more):
     assert 1 <= less.noise <= much.noise < less.noise * 1.1
     assert 1 <= less.misfit and (less.noise > 1 or less == RIGHT)
     s = np.full((2, 1, 1), 8.0)
-    doubt = [shared_error_k(c, HeatCube(s, W[:2], None, 0.05 * c.noise)) for c in (less, much)]
-    assert 0 <= doubt[0] <= doubt[1] < doubt[0] + 0.05 * 1.1
+    shared = [shared_error_k(c, HeatCube(s, W[:2], None, 0.05 * c.noise)) for c in (less, much)]
+    assert 0 <= shared[0] <= shared[1] < shared[0] + 0.05 * 1.1
 
 
 @pytest.mark.parametrize("error", [0.16, 0.3, -0.2])

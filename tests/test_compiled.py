@@ -18,7 +18,8 @@ def test_a_change_in_another_file_counts(tmp_path):
     """numba looks for changes in a function's own file alone, not in what that calls."""
     here, package = Path(physics.__file__).parent, tmp_path / "p"
     (package / "machinery").mkdir(parents=True)
-    shutil.copy(here / "machinery" / "compiled.py", package / "machinery")
+    for name in ("compiled.py", "provenance.py"):
+        shutil.copy(here / "machinery" / name, package / "machinery")
     (package / "a.py").write_text(CALLER)
     environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
     environment["PYTHONDONTWRITEBYTECODE"] = "1"

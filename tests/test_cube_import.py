@@ -474,23 +474,25 @@ def test_tex1500(tmp_path, in_parts, suffix, first):
 
 @pytest.mark.parametrize("suffix", [".mat", ".npz"])
 @pytest.mark.parametrize("first", [True, False])
-@pytest.mark.parametrize("mask", [True, False])
+@pytest.mark.parametrize("mask", [None, bool, np.uint8, float])
 @pytest.mark.parametrize("both", [True, False])
-def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both):
-    good = np.array([0, 1, 3, 5])
+@pytest.mark.parametrize("good", [np.array([0, 1, 3, 5]), np.uint8([0, 1, 3, 5]), [5, 3, 1, 0]])
+def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both, good):
+    good = np.sort(good) if mask else np.asarray(good)
     s = np.tile(S, (1, 4, 4))
     arrays = {
         "hsi": s if first else s.transpose(1, 2, 0), "working_wav": W[None, good],
-        "good_bands": np.isin(np.arange(6), good) if mask else good,
+        "good_bands": np.isin(np.arange(6), good).astype(mask) if mask else good,
     } | ({"hsi_wav": W} if both else {})  # fmt: skip
     if suffix == ".mat":
         mat(tmp_path / "a.mat", **arrays)
     else:
         np.savez(tmp_path / "a.npz", **arrays)
     cube, note = import_cube(tmp_path / f"a{suffix}", "W/m2/sr/um")
+    good = np.sort(good)
     np.testing.assert_array_equal(cube.wavelength_um, W[good][::-1])
     np.testing.assert_allclose(cube.radiance[:, :2, :4], S[good][::-1], rtol=1e-6)
-    assert ("is a mask" in note) == mask and ("of these alone" in note) != both
+    assert ("is a mask" in note) == bool(mask) and ("of these alone" in note) != both
 
 
 def test_indices_that_reach_the_number_of_bands_count_from_1(tmp_path):
@@ -509,7 +511,7 @@ def test_indices_that_reach_the_number_of_bands_count_from_1(tmp_path):
         (dict(cube=np.ones((6, 4, 6)), wav=W), "may be either its first axis or its last"),
         (dict(cube=S[0], wav=W), "not either"),
         (dict(cube=S, wav=W, good_bands=[0, 6]), "must hold indices of its 6 bands"),
-        (dict(cube=S, wav=W, good_bands=[0, 1, 1, 0, 1, 1]), "each once"),
+        (dict(cube=S, wav=W, good_bands=[0, 1, 1, 3]), "each once"),
         (dict(cube=S, wav=W, good_bands=[0.5]), "must hold indices"),
         (dict(cube=S, wav=W, good_bands=[]), "all of its bands bad"),
         (dict(cube=S, wav=[np.nan] * 6), "wav in {} must hold finite real numbers"),

@@ -277,7 +277,7 @@ def test_wrong_texts(capfd, files, text, sentence):
         (lambda s: s * (FINE < 11), "is 0 at 11.17 um"),
         (lambda s: 100 * s, "all of it looks like 790 K and hotter"),
         (lambda s: s * FINE**2 / 10, "its sky looks like"),  # mW m-2 sr-1 per cm-1
-        (lambda s: s * FINE**2 / 1e4, "but if it is per cm-1"),
+        (lambda s: s * FINE**2 / 1e4, "if it is per cm-1"),
         (lambda s: s / 1e4, "and colder"),
         (lambda s: np.pi * s, "not as irradiance"),
     ],

@@ -27,16 +27,18 @@ def everything(p, k):
     rows = len(model.gram)
     value, bound, curvature, x = np.zeros((4, rows, LANES))
     v, exact = np.empty((rows, k, LANES)), np.empty((rows, LANES))
-    zero, pull = np.zeros(LANES), np.empty((k, LANES))
+    zero, v_gradient = np.zeros(LANES), np.empty((k, LANES))
     work = np.empty((4 * n + 2 * k + 6, LANES))
     known = tuple(tables(model.gram, n, model.half_k, *prior))
     for r in range(rows):
         h, constant = model.inner_products(spectra / model.sigma, r)
         solve_on_face(
             np.ascontiguousarray(h.T), constant + model.occam[r], LANES, known, r, 0, model.half_k,
-            *prior, x[r], work, value[r], curvature[r], v[r], pull,
+            *prior, x[r], work, value[r], curvature[r], v[r], v_gradient,
         )  # fmt: skip
-        np.testing.assert_allclose(pull[:, value[r] > -np.inf], 0, atol=1e-4)  # on no other face
+        np.testing.assert_allclose(
+            v_gradient[:, value[r] > -np.inf], 0, atol=1e-4
+        )  # on no other face
         lower_bound(known, r, model.half_k, x[r], work, value[r], curvature[r], v[r], bound[r])
         row = np.full(LANES, r)
         exact[r] = solve_given(model, spectra, row, p.temperature[:LANES], zero, zero)[0]
@@ -77,10 +79,10 @@ def test_on_every_face_neither_what_is_free_nor_temperature_would_lower_energy(m
     assert len(known.free) == {2: 3, 5: 26}[k]
     for face, free in enumerate(known.free):
         x, value, curvature = np.zeros((3, LANES))
-        v, pull, work = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((90, LANES))
+        v, v_gradient, work = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((90, LANES))
         solve_on_face(
             np.ascontiguousarray(h.T), constant + model.occam[r], LANES, tuple(known), r, face,
-            model.half_k, *prior, x, work, value, curvature, v, pull,
+            model.half_k, *prior, x, work, value, curvature, v, v_gradient,
         )  # fmt: skip
         assert (v[~free] == 0).all() and (value > -np.inf).all()
         np.testing.assert_allclose(v.sum(axis=0), 1, atol=1e-9)
@@ -100,7 +102,7 @@ def test_on_every_face_neither_what_is_free_nor_temperature_would_lower_energy(m
             off[j] += step
             off[i] -= step
             slope = (at(t, off) - at(t, v)) / step
-            np.testing.assert_allclose(slope, pull[j], rtol=1e-2, atol=0.3)
+            np.testing.assert_allclose(slope, v_gradient[j], rtol=1e-2, atol=0.3)
 
 
 @pytest.mark.parametrize("k, bands", [(1, 54), (4, 54), (8, 54), (10, 54), (5, 3)])

@@ -392,6 +392,7 @@ def test_the_command_fine_tunes_on_scenes(capfd, files, cache, traced):
 def test_the_command_fine_tunes_on_cubes(capfd, files, cache):
     code, out, _ = run(capfd, command(files, cache, "--cubes", files / "cube.npz"))
     assert code == 0 and "Eq. 1 loss" in out and (files / "out.safetensors").exists()
+    assert "compare on a cube with a truth" in out
 
 
 def test_the_defaults_are_those_of_the_modules():

@@ -109,8 +109,8 @@ def test_ecostress(tmp_path, step):
 
 
 @given(
-    first=st.integers(5000, 14000),
-    steps=st.lists(st.integers(1, 1000), min_size=1, max_size=11),
+    first=st.integers(7010, 8000),
+    steps=st.lists(st.integers(1, 600), min_size=1, max_size=11),
     seed=st.integers(0, 2**32 - 1),
 )
 @ANY
@@ -121,11 +121,8 @@ def test_any_order_of_rows_is_the_same_library(tmp_path, first, steps, seed):
     mix = rng.permutation(nu.size)
     path = write_csv(tmp_path / "lib.csv", "wavenumber_cm1", nu[mix], e[:, mix])
     library, _ = import_library(path)
-    w, e = 1e4 / nu[::-1], e[:, ::-1]
-    inside = (w >= 7) & (w <= 15)
-    inside |= np.count_nonzero(inside) < 2
-    np.testing.assert_allclose(library.wavelength_um, w[inside], rtol=1e-15)
-    np.testing.assert_array_equal(library.emissivity, e[:, inside])
+    np.testing.assert_allclose(library.wavelength_um, 1e4 / nu[::-1], rtol=1e-15)
+    np.testing.assert_array_equal(library.emissivity, e[:, ::-1])
 
 
 def test_ten_wavenumbers_by_hand(tmp_path):

@@ -22,7 +22,7 @@ from physics.planck import brightness_temperature, noise_sigma, planck
 W4, FWHM4 = equidistant_bands(4)
 
 
-def eq4(p, temperature_k, material, lighting):
+def eq1(p, temperature_k, material, lighting):
     """S and X (P, bands) of Eq. 1 with the library and environment of some `Pixels`."""
     e = p.library.at(p.wavelength)[material]
     return render(temperature_k, e, lighting, p.environment.radiance, p.wavelength)
@@ -47,7 +47,7 @@ def test_the_papers_method_is_exact_where_its_model_is(make_pixels):
     names = ["sky" if n == "m2" else n for n in p.library.names]
     material = np.repeat([2, 5, 0, 7], 4)[None].repeat(12, axis=0)
     t = np.repeat([285.0, 291.0, 300.0, 296.0], 4)[None].repeat(12, axis=0)
-    s, x = eq4(p, t.ravel(), material.ravel(), p.lighting)
+    s, x = eq1(p, t.ravel(), material.ravel(), p.lighting)
     cube = HeatCube(s.T.reshape(-1, 12, 16), p.wavelength, netd_k=0.05)
     d = paper_decompose(cube, replace(p.library, names=names), p.environment)
     assert (d.material == material).all()
@@ -63,7 +63,7 @@ def test_no_unbiased_fit_beats_the_bound(make_pixels):
     p = make_pixels(k=2, shape=(40, 50), seed=3)
     p.material = np.full(2000, 1)
     p.lighting = np.full((2000, 2), 0.5)
-    s, p.texture = eq4(p, p.temperature, p.material, p.lighting)
+    s, p.texture = eq1(p, p.temperature, p.material, p.lighting)
     s = s + np.random.default_rng(0).normal(size=s.shape) * noise_sigma(p.wavelength, 0.05)
     cube = HeatCube(s.T.reshape(-1, 40, 50), p.wavelength, netd_k=0.05)
     d = paper_decompose(cube, p.library.subset(["m1"]), p.environment)

@@ -69,11 +69,11 @@ def circumstances(
     beyond = saturated(ready.cube)
     lap("bands")
     cold, is_hot, _ = split_hot(ready.cube)
-    of = dict(look=look, library=library, left_out=ready.cube.dead | beyond | is_hot)
+    how = dict(look=look, library=library, left_out=ready.cube.dead | beyond | is_hot)
     if environment is None:
-        found = _with_estimated(ready.cube, cold, k, seed, of, lap, progress)
+        found = _with_estimated(ready.cube, cold, k, seed, how, lap, progress)
     else:
-        found = _with_given(ready.cube, cold, environment, of, lap)
+        found = _with_given(ready.cube, cold, environment, how, lap)
     lap("calibration")
     return Circumstances(ready=ready, saturated=beyond, **found)
 
@@ -87,11 +87,11 @@ def _at_true_bands(given, cube, ready, library, seed):
     return completed(given, ready.cube, library, seed)
 
 
-def _with_given(cube, cold, given, of, lap):
-    """What is found of a HeatCube, and of it cold, without what is far hotter, in an Environment
-    that was given; of is what `calibration` takes besides."""
+def _with_given(cube, cold, given, how, lap):
+    """What is found of a HeatCube in an Environment that was given. cold is the cube without what
+    is far hotter; how holds `calibration`'s other arguments."""
     lap("environment")
-    found, error_k = error_of_given(cold, given, **of)
+    found, error_k = error_of_given(cold, given, **how)
     return dict(
         cube=corrected(cube, found) if found != RIGHT else cube,
         environment=given.off_by(error_k) if error_k else given, environment_error_k=error_k,
@@ -99,10 +99,10 @@ def _with_given(cube, cold, given, of, lap):
     )  # fmt: skip
 
 
-def _with_estimated(cube, cold, k, seed, of, lap, progress):
-    """The same in an Environment of k objects that is estimated, again where the cube is corrected,
-    and of a sky that is assumed, where that explains the pixels."""
-    library = of["library"]
+def _with_estimated(cube, cold, k, seed, how, lap, progress):
+    """The same in an Environment of k objects that is estimated, and estimated again once the cube
+    is corrected; with a sky that is assumed, where that explains the pixels."""
+    library = how["library"]
 
     def estimate(cube, objects, assume_sky=False):
         return estimate_environment(cube, library, objects, seed, assume_sky)
@@ -122,17 +122,17 @@ def _with_estimated(cube, cold, k, seed, of, lap, progress):
             objects = supported()
             environment = estimate(cube, objects)
     lap("environment")
-    found, assumed, metres = calibration(cold, environment, **of), False, None
+    found, assumed, metres = calibration(cold, environment, **how), False, None
     if not environment.sky and (under := estimate(cube, objects, assume_sky=True)).sky:
-        assumed = sky_is_likelier(cold, environment, found, under, **of)
+        assumed = sky_is_likelier(cold, environment, found, under, **how)
     if counting:
         objects = supported(assumed)
     if counting or assumed:
         environment = estimate(cube, objects, assumed)
-        found = calibration(cold, environment, **of, in_view=False)
+        found = calibration(cold, environment, **how, in_view=False)
     if found.air:
         through = estimate(corrected(cube, found), objects, assumed)
-        metres = distances(cold, through, of["look"], len(library), found)
+        metres = distances(cold, through, how["look"], len(library), found)
     if found != RIGHT:
         cube = corrected(cube, found, metres)
         environment = estimate(cube, objects, assumed)

@@ -231,7 +231,7 @@ def finetune(args):
     lines = [_scores(f"{on}, before", before), _scores("after", after)]
     if cubes:
         lines.append(
-            "Eq. 1 does not tell whether materials got better: compare on a cube whose are known."
+            "Eq. 1 does not tell whether materials got better: compare on a cube with a truth."
         )
     elif after["cross_entropy"] > before["cross_entropy"]:
         lines.append("Worse than before: keep the model that it started from, or train for longer.")

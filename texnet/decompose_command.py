@@ -264,7 +264,7 @@ def _corrections(r):
 
 
 def _of_temperature(t):
-    if t["median"] is not None and not math.isnan(t["median"]):  # not all of it is sky
+    if not math.isnan(t["median"]):  # not all of it is sky
         yield (
             f"Temperature  median {t['median']:.1f} K, 2nd to 98th percentile {t['p2']:.1f} to "
             f"{t['p98']:.1f} K, without sky"

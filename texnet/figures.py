@@ -271,7 +271,7 @@ def _legend(hues, d, truth=None):
     labels, there = {n: n for n in names_in_view(d, LEAST_SHARE, ~d.dead)}, []
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
-        there = names_in_view(truth, LEAST_SHARE)
+        there = names_in_view(truth, LEAST_SHARE, ~d.dead)
         labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
     more = max(0, len(labels) - MOST_NAMES)
     rarest = [n for n in labels if n not in there][::-1] + there[::-1]

@@ -20,9 +20,9 @@ def evaluate(decomposition, truth):
     """Every metric of a Decomposition against a Truth of the same scene, as floats.
 
     temperature_rmse_k, temperature_mae_k   K, non-sky
-    material_accuracy       fraction of all measured pixels; see `names_lacking`
+    material_accuracy       fraction of measured pixels; see `names_lacking`
     mean_iou                intersection over union, averaged over the materials in the truth
-    cross_entropy           mean -ln p(true material), all pixels, p floored at 1e-6; a
+    cross_entropy           mean -ln p(true material), measured pixels, p floored at 1e-6; a
                             material that the library lacks has p = 0
     texture_mse_per_band    (W m-2 sr-1 um-1)^2, non-sky, squared error over all bands
                             divided by their number
@@ -31,7 +31,7 @@ def evaluate(decomposition, truth):
     within_1_sigma, within_2_sigma
                             fraction of non-sky |T error| within its own 1 and 2 sigma;
                             0.683 and 0.954 if calibrated
-    abstention              fraction of all pixels marked unknown
+    abstention              fraction of measured pixels marked unknown
     accuracy_answered       material accuracy of the others
 
     Bands that the decomposition left out do not count. NaN where there is nothing to compare.
@@ -131,7 +131,8 @@ def non_sky(answer):
 def names_lacking(decomposition, truth):
     """(names, all): the truth's materials in view, but the sky, that the library does not have,
     most pixels first; and whether these are all of them, so that materials cannot be compared."""
-    there = [name for name in names_in_view(truth) if name != SKY]
+    seen = ~decomposition.dead
+    there = [name for name in names_in_view(truth, seen=seen) if name != SKY]
     lacking = [name for name in there if name not in decomposition.material_names]
     return lacking, bool(lacking) and len(lacking) == len(there)
 

@@ -35,7 +35,7 @@ class Crops(Dataset):
             for k in range(OBJECTS[0], most + 1):
                 environment = estimate_environment(cube, library, k, assume_sky=assume)
                 known.append(known_arrays(cube, library, environment))
-            # a tensor, which worker processes share, by an open file each: so it is one a cube
+            # one tensor a cube: worker processes share each by an open file
             radiance = torch.from_numpy(cube.radiance.copy())
             self.cubes.append((radiance, cube.dead.copy(), known))
 

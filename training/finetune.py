@@ -69,7 +69,8 @@ def finetune(
             try:
                 taken.append(calibrated(cube, whole, network, device))
             except InputError as e:
-                raise InputError(f"cube {i} of {len(cubes)}: {e}") from e
+                which = f"cube {i} of {len(cubes)}: " if len(cubes) > 1 else ""
+                raise InputError(f"{which}{e}") from e
         draws = Crops(*zip(*taken, strict=True), whole, seed, SIDE)
         held_out = copy.copy(draws)  # other crops of the same cubes
         held_out.stream += 1

@@ -194,6 +194,8 @@ def loaded(kind, path):
     try:
         return kind.load(path)
     except InputError as e:
+        if not path.exists():
+            raise
         words = str(e).removesuffix(".")
         raise InputError(f"{words}; delete it, and the same command makes it anew.") from e
 

@@ -9,13 +9,13 @@ import numpy as np
 from physics.bands import quadrature
 from physics.planck import planck
 
-COLDEST_K, HOTTEST_K, STEP_K = 100.0, 600.0, 0.1
+COLDEST_K, HOTTEST_K, STEP_K = 100.0, 800.0, 0.1
 
 
 class BandPlanck:
     """B(T) of bands with centres and widths (bands,) in um.
 
-    Linear between entries STEP_K apart, which is good to 1e-4 K; clipped to 100-600 K.
+    Linear between entries STEP_K apart, which is good to 1e-4 K; clipped to 100-800 K.
     """
 
     def __init__(self, wavelength_um, fwhm_um):

@@ -29,7 +29,7 @@ SAMPLES = 6000  # pixels
 CALM, PER_BAND = 0.25, 4  # of the pixels, or so many for each band, if that is more
 LEAST_PER_BAND = 2
 COMPONENTS, MANY_BANDS = 12, 30  # bands of whose components half may be, and are, noise
-# times most pixels' variance in that half; how often they are looked for
+# pixels of so many times most pixels' variance in that half are defective; sweeps to find them
 DEFECTIVE, SWEEPS = 4.0, 6
 LEAST_K = 1e-3  # keeps spectra without noise from being singular
 MEDIAN, QUARTILE = 0.67449, 0.31864  # of a Gaussian's magnitude

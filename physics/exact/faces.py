@@ -39,14 +39,14 @@ _FUSED = compiled(fastmath={"contract"}, error_model="numpy")
 class Tables(NamedTuple):
     """What no pixel changes, of R hypotheses on F faces, the first that of all V.
 
-    free    (F, k) bool, which V_j may differ from zero;  sets (F,) their sum of 2^j
-    onto    (R, F, n - 1, n + k), takes h to what it adds to J'
-    gradient  (R, F, S) J' but for that: this and the next are Chebyshev series, zeros at their end
-    hessian  (R, F, S) the curvature p' M p in tau (Gauss-Newton) with the prior's
-    glow    (R, S) p' H_TT p / 2
-    u, z    (R, F, k), (R, F, k, k)
+    free         (F, k) bool, which V_j may differ from zero;  sets (F,) their sum of 2^j
+    onto         (R, F, n - 1, n + k), takes h to what it adds to J'
+    gradient     (R, F, S) J' but for that: this and hessian are Chebyshev series, zeros at the end
+    hessian      (R, F, S) the curvature p' M p in tau (Gauss-Newton) with the prior's
+    glow         (R, S) p' H_TT p / 2
+    u, z         (R, F, k), (R, F, k, k)
     sensitivity  (R, k, n) Z H_VT of all V
-    vt, vv  (R, k, n), (R, k, k) H_VT and H_VV
+    vt, vv       (R, k, n), (R, k, k) H_VT and H_VV
     """
 
     free: np.ndarray

@@ -205,9 +205,9 @@ class Temperatures(NamedTuple):
     def of(darkest, brightest, usual, spread):
         """Those of pixels that look like darkest to brightest, usual and their spread, all K."""
         sigma = max(MIN_TEMPERATURE_SPREAD_K, spread)
-        # metal that mirrors a cold sky may be far warmer than anything looks
-        low, high = min(darkest - 40.0, usual - 4 * sigma), max(brightest + 60.0, usual + 4 * sigma)
-        low = max(low, 60.0)
+        # a mirror may be far warmer, or colder, than anything looks: what it mirrors is neither
+        low = max(min(darkest - 40.0, usual - 4 * sigma), 60.0)
+        high = max(brightest + 60.0, usual + 4 * sigma)
         return Temperatures(0.5 * (high + low), 0.5 * (high - low), usual, sigma)
 
 

@@ -1,15 +1,13 @@
 """Loops compiled by numba, kept on disk for the next process where there is room for that."""
 
-import hashlib
 from contextlib import suppress
 from pathlib import Path
 
 import numba
 
-_PHYSICS = Path(__file__).parents[1]
-_SOURCES = hashlib.sha256(
-    b"".join(path.read_bytes() for path in sorted(_PHYSICS.rglob("*.py")))
-).hexdigest()
+from .provenance import provenance
+
+_SOURCES = provenance([], [Path(__file__).parents[1]])
 
 
 def compiled(**how):

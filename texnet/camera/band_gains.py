@@ -12,7 +12,7 @@ stays: of a gain of all bands nothing can be said where these are off.
 A curve of the library that is wrong leaves something in its own material alone. So each material's
 pixels count by their median, and each material alike; and two must be left to say so in the end.
 
-Wrong bands make wrong materials fit, which then solve them. So the noise is first taken to be
+Wrong bands make wrong materials fit, which then explain them. So the noise is first taken to be
 FIRST times as much as stated, and then, step by step, TIMES as much as what is left.
 """
 

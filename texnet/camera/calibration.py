@@ -15,7 +15,7 @@ that was stated, all is well. If not, it may be the bands among each other, if w
 own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
 times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just
 fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
-T, to which all bands add up, may be off at once by SHARED times as much.
+T, to which all bands add up, may be off by SHARED times as much in all pixels alike.
 
 Where no sky is in view, all this but the air is looked at without a sky, and whether pixels are
 likelier with one that is assumed (`sky_is_likelier`) before it is looked at with that. Where the

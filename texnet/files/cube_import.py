@@ -170,7 +170,7 @@ def _tex1500(path, held, arrays, load):
     """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
     its cube."""
     cube, indices = _first(CUBE, held), _first(GOOD_BANDS, arrays)
-    found = {key: _real(arrays[key], key, path).ravel() for key in WAVELENGTH if key in arrays}
+    found = {key: arrays[key].ravel() for key in WAVELENGTH if key in arrays}
     if cube is None or not found:
         raise InputError(
             f"cube: {path} must hold a cube ({', '.join(CUBE)}, or, of HADAR, S) and, but for "
@@ -179,11 +179,10 @@ def _tex1500(path, held, arrays, load):
         )
     listed = None
     if indices is not None:
-        mask = arrays[indices].dtype == bool
-        listed = arrays[indices].ravel() if mask else _real(arrays[indices], indices, path).ravel()
+        listed = _real(arrays[indices] * 1, indices, path).ravel()  # times 1: a mask may be bool
     s = load(cube)
-    wavelength, axis, of_good = _where(s, found, listed)
-    w = found[wavelength]
+    wavelength, axis, good_alone = _where(s, found, listed)
+    w = _real(found[wavelength], wavelength, path)
     if axis is None:
         shape = "no array" if s is None else " x ".join(map(str, s.shape))
         both = s is not None and s.ndim == 3 and s.shape[0] == w.size
@@ -196,9 +195,10 @@ def _tex1500(path, held, arrays, load):
     words, good = [], None
     if listed is not None:
         good, words = _good_bands(listed, indices, len(s))
-    if of_good:
+    if good_alone:
+        order = slice(None) if _is_mask(listed, len(s)) else np.argsort(listed)
         centre = np.zeros(len(s))  # of bad bands they are not known
-        centre[good] = w
+        centre[good] = w[order]
         w, words = centre, [*words, f"{wavelength} is of these alone"]
     what = f"TeX-1500 {path.suffix}, {cube} ({axes}) over {wavelength}"
     return RawCube(what, lambda: s, w, good=good, words=tuple(words))
@@ -214,20 +214,25 @@ def _where(s, found, listed):
     for key, w in found.items():
         if list(ends.values()).count(w.size) == 1:
             return key, next(a for a, size in ends.items() if size == w.size), False
-    if first in found and found[first].size in ends.values() or listed is None or not listed.size:
+    if found[first].size in ends.values() or listed is None or not listed.size:
         return first, None, False
-    mask = listed.dtype in (bool, np.uint8)
     for axis, size in sorted(ends.items(), key=lambda end: end[1]):
-        fits = listed.size == size if mask else listed.max() <= size
+        mask = _is_mask(listed, size)
         for key, w in found.items():
-            if fits and w.size == (np.count_nonzero(listed) if mask else listed.size):
+            if mask and w.size == listed.sum() or w.size == listed.size and listed.max() <= size:
                 return key, axis, True
     return first, None, False
 
 
+def _is_mask(listed, bands):
+    """Whether what is listed says of each band whether it is good (of three and more: two that are
+    listed by 0 and 1 are indices)."""
+    return listed.size == bands > 2 and set(listed) <= {0, 1}
+
+
 def _good_bands(listed, key, bands):
     """((bands,) bool, words) of a mask of bands, or a list of indices, which count from 0."""
-    if listed.dtype in (bool, np.uint8) and listed.size == bands and set(listed) <= {0, 1}:
+    if _is_mask(listed, bands):
         return listed.astype(bool), [f"{key} is a mask"]
     count_from = 1 if listed.size and listed.min() >= 1 and listed.max() == bands else 0
     good = np.isin(np.arange(bands) + count_from, listed)

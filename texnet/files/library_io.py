@@ -228,7 +228,7 @@ def _read_envi(path):
     if BIDIRECTIONAL.search(said):
         raise InputError(
             f"library: {path.name} holds {spectra.quantity!r}, but emissivity follows only from "
-            "hemispherical reflectance; take another."
+            "hemispherical reflectance; take another file."
         )
     order, w, moved = ascending(spectra.centre, spectra.axis, "library")
     low, high = TEXT_RANGE_UM
@@ -337,16 +337,18 @@ def _read_text(path):
     rows = [line.split() for line in lines[first:] if line.strip()]
     numbers = [[number(cell) for cell in row] for row in rows]
     pairs = [row for row in numbers if len(row) == 2 and None not in row]
-    if not pairs:
-        raise NotThermal(f"library: {path.name} holds no spectrum; leave this file out.")
+    header = {}
+    for _, match in matches:
+        header.setdefault(" ".join(match[1].lower().split()), match[2].strip())
+    if not pairs:  # damaged, or about something else
+        raise (InputError if "x units" in header else NotThermal)(
+            f"library: {path.name} holds no spectrum; leave this file out."
+        )
     if not matches:
         raise InputError(
             f"library: {path.name} has no 'key: value' lines, so no units; give it as .csv (see "
             "docs/files.md)."
         )
-    header = {}
-    for _, match in matches:
-        header.setdefault(" ".join(match[1].lower().split()), match[2].strip())
 
     def say(key):
         if not header.get(key.lower()):
@@ -366,7 +368,7 @@ def _read_text(path):
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
         covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
-        raise NotThermal(
+        raise (NotThermal if w.size else InputError)(
             f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
             "leave this file out."
         )

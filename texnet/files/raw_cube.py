@@ -253,10 +253,10 @@ def _typical_k(radiance, w, unit):
     kelvin = _like_kelvin(s / _to_our_unit(unit, jacobian))
     if USUAL_K[0] <= here <= USUAL_K[1]:
         return f"{here:.0f} K", (kelvin and f"\nWarning: {kelvin}") or uneven
-    names = {factor: u for u, factor in reversed(UNITS.items())}  # of two for one unit the first
-    fit = {
-        u: t for u in reversed(names.values()) if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]
-    }
+    names = {}
+    for u, factor in UNITS.items():
+        names.setdefault(factor, u)  # of two for one unit the first
+    fit = {u: t for u in names.values() if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         return f"{here:.0f} K", (
