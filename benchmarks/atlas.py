@@ -31,8 +31,8 @@ writes this page, `atlas.md`, with `atlas.png`, of `stability.csv` and `missing.
 row for each answer. One difficulty at a time is turned up, see `benchmarks/stability.py`; 54 bands
 and 50 mK unless that is the difficulty. Means over the scenes of the mean error of T, its median
 sigma, the share of T's errors within two sigmas, and of the pixels with the right material and
-those called `unknown`; the brightness temperature is at an emissivity of 0.95, less what it reflects
-of the true sky.
+those called `unknown`; the brightness temperature is at an emissivity of 0.95, less what it
+reflects of the true sky.
 """
 MISSING = """
 ## A material that the library lacks
