@@ -28,7 +28,7 @@ WAYS = {  # to invert a mosaic
 }
 PER_PIXEL = (
     "temperature_k", "material", "thermal_lighting", "texture", "sky_texture", "residual",
-    "temperature_sigma_k", "material_probability", "unknown",
+    "temperature_sigma_k", "material_probability", "unknown", "dead",
 )  # fmt: skip
 
 
