@@ -117,6 +117,12 @@ def _add_device(p):
     )  # fmt: skip
 
 
+def _add_seed(p, of):
+    p.add_argument(
+        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0, help=f"of {of}, default: 0"
+    )
+
+
 def _demo(to):
     p = _add(to, "demo", demo, "decompose the packaged night scene and draw the pictures")
     p.add_argument("--out", metavar="DIR", type=_folder, default=Path("demo"), help="default: demo")
@@ -181,10 +187,7 @@ def _cubes(to):
         "--netd", metavar="K", type=_kelvin, default=0.05,
         help="sensor noise in K at 300 K, 0 for none, default: 0.05",
     )  # fmt: skip
-    p.add_argument(
-        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
-        help="of light paths, noise and, where it is random, the scene, default: 0",
-    )  # fmt: skip
+    _add_seed(p, "light paths, noise and, where it is random, the scene")
 
     text = "which N filters tell materials and temperatures best"
     p = _add(to, "bands", commands.bands, text)
@@ -272,10 +275,7 @@ def _add_training(to, name, run, text, scenes, epochs, per_epoch):
         default=Path(os.path.expanduser("~"), ".cache", "texnet"),
         help="scenes and checkpoints, default: ~/.cache/texnet",
     )  # fmt: skip
-    p.add_argument(
-        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
-        help="of scenes, draws and first weights, default: 0",
-    )  # fmt: skip
+    _add_seed(p, "scenes, draws and first weights")
     _add_device(p)
     return p
 

@@ -6,10 +6,10 @@ of bytes, ordered bsq (bands, lines, samples), bil (lines, bands, samples) or bi
 bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a bad band), data
 ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
 
-The format has no word for the radiance's unit, but some write one, as data units or units: it is
-taken if it is a name in `raw_cube.UNITS`. A unit of wavelength that is not known is told by the
-values. The header's sizes are held against the binary's
-before anything is read.
+The format has no word for the radiance's unit, but some write one, as data units, radiance data
+units or units: it is taken if it is a name in `raw_cube.UNITS`. A unit of wavelength that is not
+known is told by the values. The header's sizes are held against the binary's before anything is
+read.
 
 A spectral library has a line a spectrum and a sample a band, spectra names, and y axis title.
 """
