@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import small_environment
 from scipy.optimize import minimize
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.eq1 import render
 from physics.exact.local import HOPELESS, energy_given, solve_given, solve_local
 from physics.exact.reduced import reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
@@ -237,3 +239,29 @@ def test_metal_warmer_than_anything_looks_is_within_reach():
     assert model.mid_k + model.half_k > 310
     found = solve_local(model, cube.spectra).temperature_k[:, 1]
     assert np.sqrt(np.mean((found - t[:, 0]) ** 2)) < 0.6
+
+
+@pytest.mark.parametrize("metal", ["copper", "steel"])
+def test_of_several_temperatures_that_fit_metal_the_likeliest_is_found(metal):
+    """From sixteen starts each, none is likelier; and sigma is over all of them."""
+    w, rng, n = np.linspace(8.05, 13.95, 20), np.random.default_rng(0), 400
+    library, environment = MaterialLibrary.starter().subset([metal]), small_environment(w)
+    t, v = rng.uniform(278, 308, n), rng.dirichlet(np.full(3, 0.6), n)
+    s = render(t, library.at(w)[np.zeros(n, int)], v, environment.radiance, w)[0]
+    s = s + noise_sigma(w, 0.05) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(20, 20, 20), w, netd_k=0.05)
+    model = reduce_model(cube, library, environment)
+    found, zero = solve_local(model, cube.spectra), np.zeros(n)
+    starts = model.mid_k + model.half_k * np.linspace(-0.9, 0.9, 16)
+    from_each = np.array([
+        solve_given(model, cube.spectra, np.zeros(n, int), np.full(n, start), zero, zero)[:2]
+        for start in starts
+    ])  # fmt: skip
+    energy, there = from_each[:, 0], from_each[:, 1]
+    near = energy < energy.min(axis=0) + 3
+    spread = np.where(near, there, np.nan)
+    several = np.nanmax(spread, axis=0) - np.nanmin(spread, axis=0) > 10
+    assert several.mean() > 0.1
+    np.testing.assert_allclose(found.energy[:, 0], energy.min(axis=0), atol=0.01)
+    off = np.abs(found.temperature_k[:, 0] - t) / found.sigma_k[:, 0]
+    assert (off[several] < 3).mean() > 0.9

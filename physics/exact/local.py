@@ -14,8 +14,9 @@ The answer is the material of least energy, with its T and V. `faces` solves eve
 as if V might be negative. Where none is, that is the answer; elsewhere it gives about a lower
 bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it. The others
 are put on the face of the simplex where their V is not negative; the few that do not get there are
-left to `simplex`. T starts at the brightness temperature of the middle band; of metals, whose J may
-have two minima, that finds the nearer.
+left to `simplex`. T starts at the brightness temperature of the middle band. Of what reflects more
+than it emits, J may have several minima: T also starts halfway to either end of its range, and each
+minimum that is found adds its share of the evidence to sigma.
 """
 
 from dataclasses import dataclass
@@ -38,6 +39,8 @@ BLOCK, BLOCK_BYTES = 1024, 1 << 25  # solved together: of fewer pixels, too few 
 PANEL = 4  # times LANES, pixels whose spectra stay in the cache through all hypotheses
 ROUNDS = 6  # of faces, for one hypothesis
 PULL = 1e-4  # nats that a V_j might lower J by, at most, and yet stay zero
+REFLECTS, HALFWAY = 0.5, (-0.5, 0.5)  # mean emissivity below which T starts there, too, in tau
+SAME = 0.1  # sigmas, between two minima that are one
 _DONE, _NONE = -2, -1  # in place of a face's number
 
 
@@ -50,7 +53,7 @@ class LocalSolution:
                    least it may be about a lower bound, with the T that V without bounds would
                    give, but never for the best of the materials that are not sky
     temperature_k  (P, L) float32, K; of the sky, the prior's
-    sigma_k        (P, L) float32, one standard deviation of T given m, K
+    sigma_k        (P, L) float32, one standard deviation of T given m, K, over all minima of J
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
                    pixel or the one at the sky's edge, whichever has more evidence
     lighting       (P, k) float32, V of the material of least energy
@@ -80,11 +83,8 @@ def solve_local(
     row = np.zeros(shape, np.int16)
     lighting = np.empty((pixels, model.k), np.float32)
     (linear, square), tables, of_t = model.of_all, model.tables, model.of_t
-    material, gram, rows = model.material, model.gram, np.arange(len(model.gram))
-    if among is not None:
-        rows = np.flatnonzero(among[material])
-        linear, square, gram, material = (a[rows] for a in (linear, square, gram, material))
-        tables = tables[:2] + tuple(a[rows] for a in tables[2:])
+    tries, rows, origin = _tries(model, among)
+    material, square = model.material[rows], square[rows]
     is_sky = material == model.library.sky_index
     middle = len(model.sigma) // 2
     threads = threads or numba.get_num_threads()
@@ -97,15 +97,29 @@ def solve_local(
         start_k = brightness_temperature(
             model.wavelength_um[middle], np.maximum(radiance[middle], 1e-9)
         )
+        looks = (start_k - model.mid_k) / model.half_k
+        start = np.stack([looks, *(np.full_like(looks, tau) for tau in HALFWAY)])
         _solve_block(
-            radiance / model.sigma[:, None], (start_k - model.mid_k) / model.half_k, linear, square,
-            gram, tables, model.terms, model.k, *of_t, material, is_sky, model.mid_k, hopeless,
+            radiance / model.sigma[:, None], start, tries, rows, origin, linear, square, model.gram,
+            tables, model.terms, model.k, *of_t, material, is_sky, model.mid_k, hopeless,
             energy[part], temperature[part], sigma[part], row[part], lighting[part],
         )  # fmt: skip
 
     blocks = range(0, pixels, size)
     in_threads(solve_block, blocks, threads, progress)
     return LocalSolution(energy, temperature, sigma, rows.astype(np.int16)[row], lighting)
+
+
+def _tries(model, among):
+    """What is tried: of each hypothesis the tries (H, 3), -1 for none; and of each try the row of
+    the model and the start (Q,)."""
+    rows = np.flatnonzero(among[model.material] if among is not None else model.material >= 0)
+    again = np.flatnonzero(model.emissivity[rows].mean(axis=1) < REFLECTS)
+    tries = np.full((len(rows), 3), -1)
+    tries[:, 0] = np.arange(len(rows))
+    tries[again, 1:] = len(rows) + np.arange(2 * len(again)).reshape(2, -1).T
+    origin = np.repeat([0, 1, 2], [len(rows), len(again), len(again)])
+    return tries, np.concatenate([rows, rows[again], rows[again]]), origin
 
 
 def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k):
@@ -156,21 +170,22 @@ def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
 
 @compiled(nogil=True, error_model="numpy")
 def _solve_block(
-    s, start, linear, square, gram, tables, n, k, half, weight, mean, material, is_sky, mid,
-    hopeless, energy, temperature, sigma, row, lighting,
+    s, start, tries, of_try, origin, linear, square, gram, tables, n, k, half, weight, mean,
+    material, is_sky, mid, hopeless, energy, temperature, sigma, row, lighting,
 ):  # fmt: skip
-    """All hypotheses of P pixels, for `solve_local`: s (bands, P) in noise units, start (P,) tau.
+    """All hypotheses of P pixels, for `solve_local`: s (bands, P) in noise units, start (3, P) tau;
+    tries, of_try and origin by `_tries`; row here is that of a try.
 
     Here pixel p is lane p % LANES of group p // LANES."""
-    pixels, rows = s.shape[1], len(linear)
+    pixels, rows = s.shape[1], len(of_try)
     groups = (pixels + LANES - 1) // LANES
     h, v = np.empty((rows, groups, n + k, LANES)), np.empty((rows, groups, k, LANES))
     every = (rows, groups, LANES)
     constant, value, bound = np.empty(every), np.empty(every), np.empty(every)
     tau, curvature = np.empty(every), np.empty(every)
     _without_bounds(
-        s, start, linear, square, tables, n, k, half, weight, mean, h, constant, value, bound, tau,
-        curvature, v,
+        s, start, of_try, origin, linear, square, tables, n, k, half, weight, mean, h, constant,
+        value, bound, tau, curvature, v,
     )  # fmt: skip
 
     best, ground = np.full(pixels, np.inf), np.full(pixels, np.inf)  # of all; of what is not sky
@@ -202,8 +217,8 @@ def _solve_block(
             if not count:
                 continue
             _put_bounds(
-                todo[:count], r, h[r], constant[r], gram[r], tables, n, k, half, weight, mean,
-                value[r], tau[r], curvature[r], v[r],
+                todo[:count], of_try[r], h[r], constant[r], gram[of_try[r]], tables, n, k, half,
+                weight, mean, value[r], tau[r], curvature[r], v[r],
             )  # fmt: skip
             for p in todo[:count]:
                 g, i = p // LANES, p % LANES
@@ -212,16 +227,21 @@ def _solve_block(
                     ground[p] = min(ground[p], value[r, g, i])
                 bound[r, g, i] = np.inf
 
-    for r in range(rows):
-        m = material[r]
+    nats, deviation, variance = np.empty(3), np.empty(3), np.empty(3)
+    for r in range(len(tries)):
+        m, count = material[tries[r, 0]], 3 if tries[r, 1] >= 0 else 1
         for p in range(pixels):
             g, i = p // LANES, p % LANES
-            e = value[r, g, i] if bound[r, g, i] == np.inf else bound[r, g, i]
-            if e < energy[p, m]:
-                energy[p, m] = e
-                temperature[p, m] = mid + half * tau[r, g, i]
-                sigma[p, m] = 1.0 / np.sqrt(curvature[r, g, i])
-                row[p, m] = r
+            for a in range(count):
+                q = tries[r, a]
+                nats[a] = value[q, g, i] if bound[q, g, i] == np.inf else bound[q, g, i]
+                deviation[a], variance[a] = half * tau[q, g, i], 1.0 / curvature[q, g, i]
+            a = np.argmin(nats[:count])
+            if nats[a] < energy[p, m]:
+                energy[p, m] = nats[a]
+                temperature[p, m] = mid + deviation[a]
+                sigma[p, m] = np.sqrt(_over_minima(nats[:count], deviation, variance, a))
+                row[p, m] = tries[r, a]
     for p in range(pixels):
         m = 0
         for other in range(1, energy.shape[1]):
@@ -231,13 +251,29 @@ def _solve_block(
 
 
 @compiled()
+def _over_minima(nats, deviation, variance, best):
+    """Variance of T about the best of up to three minima, of which some may be the same."""
+    total, off = 1.0, variance[best]
+    for a in range(len(nats)):
+        same = a == best
+        for b in range(len(nats)):
+            if b < a or b == best:
+                same |= abs(deviation[a] - deviation[b]) < SAME * np.sqrt(variance[b])
+        if not same:
+            share = np.exp(nats[best] - nats[a]) * np.sqrt(variance[a] / variance[best])
+            total += share
+            off += share * (variance[a] + (deviation[a] - deviation[best]) ** 2)
+    return off / total
+
+
+@compiled()
 def _without_bounds(
-    spectra, start, linear, square, tables, n, k, half, weight, mean, h, constant, value, bound,
-    tau, curvature, v,
+    spectra, start, of_try, origin, linear, square, tables, n, k, half, weight, mean, h, constant,
+    value, bound, tau, curvature, v,
 ):  # fmt: skip
-    """All hypotheses on the face of all V; h to v are (R, groups, .., LANES), out. In bound is inf
+    """All tries on the face of all V; h to v are (Q, groups, .., LANES), out. In bound is inf
     where that is the answer."""
-    (bands, pixels), rows, groups = spectra.shape, len(linear), h.shape[1]
+    (bands, pixels), rows, groups = spectra.shape, len(of_try), h.shape[1]
     s, squared = np.ones((PANEL, bands + 1, LANES)), np.ones((bands + 1, LANES))
     constants = np.empty((PANEL, rows, LANES))
     deflated = np.empty((linear.shape[1] - n - k, LANES))
@@ -254,18 +290,18 @@ def _without_bounds(
         for r in range(rows):
             for q in range(panel):
                 g = first + q
-                faces.times(linear[r, : n + k], s[q], h[r, g], LANES)
-                faces.times(linear[r, n + k :], s[q], deflated, LANES)
+                faces.times(linear[of_try[r], : n + k], s[q], h[r, g], LANES)
+                faces.times(linear[of_try[r], n + k :], s[q], deflated, LANES)
                 faces.less_half_squares(deflated, constants[q, r])
                 for p in range(LANES):
                     constant[r, g, p] = constants[q, r, p]
-                    tau[r, g, p] = start[min(g * LANES + p, pixels - 1)]
+                    tau[r, g, p] = start[origin[r], min(g * LANES + p, pixels - 1)]
                 faces.solve_on_face(
-                    h[r, g], constant[r, g], LANES, tables, r, 0, half, weight, mean, tau[r, g],
-                    work, value[r, g], curvature[r, g], v[r, g], v_gradient,
+                    h[r, g], constant[r, g], LANES, tables, of_try[r], 0, half, weight, mean,
+                    tau[r, g], work, value[r, g], curvature[r, g], v[r, g], v_gradient,
                 )  # fmt: skip
                 faces.lower_bound(
-                    tables, r, half, tau[r, g], work, value[r, g], curvature[r, g], v[r, g],
+                    tables, of_try[r], half, tau[r, g], work, value[r, g], curvature[r, g], v[r, g],
                     bound[r, g],
                 )  # fmt: skip
 
