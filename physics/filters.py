@@ -108,7 +108,7 @@ def draw_scenes():
 
 
 def design_filters(library, n, scenes=None, progress=None):
-    """The n filters of least expected loss -> Filters.
+    """The n filters of least expected loss, all of one width of WIDTHS_UM or less -> Filters.
 
     library   MaterialLibrary; its sky is left out
     scenes    Scenes; those of draw_scenes() if None
@@ -120,10 +120,13 @@ def design_filters(library, n, scenes=None, progress=None):
     model, best = _Model(library, scenes), None
     if n < LEAST:
         raise InputError(f"bands: need at least {LEAST} filters, got {n}.")
+    most = round((model.high - model.low) / STEP_UM)
+    if n > most:
+        raise InputError(f"bands: {model.low:g}-{model.high:g} um hold {most} filters, got {n}.")
     for m in range(1, n + 1):
         starts = [model.side_by_side(m)]
         if best is not None:
-            starts.append(model.grow(*best))
+            starts += model.grow(*best)
         best = min((model.improve(*f) for f in starts), key=lambda f: model.loss(*f))
         if progress is not None:
             progress(m, n, "filters")
@@ -212,8 +215,9 @@ class _Model:
         return [*inside.tolist(), self.high - width / 2], width
 
     def grow(self, centres, width):
-        """These filters and the best one more."""
-        return sorted([*centres, self._best_place(centres, width)[0]]), width
+        """[These filters and the best one more], [] where there is no place."""
+        place, loss = self._best_place(centres, width)
+        return [(sorted([*centres, place]), width)] if loss < np.inf else []
 
     def improve(self, centres, width):
         """Exchanges until none helps -> centres, width."""
@@ -244,15 +248,13 @@ class _Model:
         return sum(_losses(self._belief(centres, width)))
 
     def _best_place(self, others, width):
-        """Where one more filter helps most, and the loss with it."""
+        """Where one more filter helps most, and the loss with it, infinite without a place."""
         belief = self._belief(others, width)
         end = self.high - width / 2 - STEP_UM / 2
         places = np.arange(self.low + width / 2, end, STEP_UM)
         places = [p for p in places.tolist() if not np.isclose(p, others, 0, STEP_UM / 2).any()]
         if not places:
-            raise InputError(
-                f"bands: {self.low:g}-{self.high:g} um hold {len(others)} filters and no more."
-            )
+            return None, np.inf
         losses = [sum(_losses(self._with(belief, p, width))) for p in places]
         best = int(np.argmin(losses))
         return places[best], losses[best]

@@ -141,12 +141,17 @@ class MaterialLibrary:
             # bands that reach beyond have centres within
             of_bands = lambda a: a.reshape(len(w) if w.ndim else 1, -1)
             bands = of_bands(w)[of_bands(inside).all(axis=1)].mean(axis=1)
-            low_um, high_um = (bands.min(), bands.max()) if len(bands) else (low, high)
+            of_cube = ""
+            if len(bands):
+                low_um, high_um = bands.min() - 0.001, bands.max() + 0.001
+                of_cube = (
+                    f" (of a cube, those that `texnet import CUBE --range {low_um:.3f}:"
+                    f"{high_um:.3f}` leaves)"
+                )
             raise InputError(
                 f"library: its curves cover {low:g}-{high:g} um but the bands need "
-                f"{w.min():.4g}-{w.max():.4g} um; take another library, or bands within its curves "
-                f"(of a cube, those that `texnet import CUBE --range {low_um - 0.001:.3f}:"
-                f"{high_um + 0.001:.3f}` leaves)."
+                f"{w.min():.4g}-{w.max():.4g} um; take another library, or bands within its curves"
+                f"{of_cube}."
             )
         return np.stack([np.interp(w, self.wavelength_um, e) for e in self.emissivity])
 

@@ -11,6 +11,7 @@ from physics.filters import (
     LOW_UM,
     NETD_K,
     TOLERANCE_K,
+    WIDTHS_UM,
     Scenes,
     design_filters,
     draw_scenes,
@@ -68,6 +69,28 @@ def test_more_filters_are_never_worse_and_no_design_is_worse_than_filters_side_b
         assert (d.wavelength_um - d.fwhm_um / 2 >= LOW_UM - 1e-9).all()
         assert (d.wavelength_um + d.fwhm_um / 2).max() == pytest.approx(HIGH_UM)
         assert d.netd_k == pytest.approx(NETD_K / d.fwhm_um[0])
+
+
+def test_no_filter_moved_and_no_other_width_is_better_than_a_design():
+    best = design_filters(THREE, 4, FEW)
+    centres, width = list(best.wavelength_um), float(best.fwhm_um[0])
+    for i in range(3):
+        others = centres[:i] + centres[i + 1 :]
+        for place in np.arange(LOW_UM + width / 2, HIGH_UM - width / 2 - 0.05, 0.1):
+            assert rate_filters(THREE, [*others, place], width, FEW).loss > best.loss - 1e-9
+    for other in WIDTHS_UM:
+        moved = [min(max(c, LOW_UM + other / 2), HIGH_UM - other / 2) for c in centres[:3]]
+        rated = rate_filters(THREE, [*moved, HIGH_UM - other / 2], other, FEW)
+        assert rated.loss > best.loss - 1e-9
+
+
+def test_as_many_filters_as_stand_side_by_side():
+    keep = (W >= 9) & (W <= 12)
+    black = MaterialLibrary(["black", "grey"], W[keep], np.outer([1.0, 0.95], np.ones(keep.sum())))
+    few = Scenes(*(a[:1] for a in FEW))
+    assert len(set(design_filters(black, 16, few).wavelength_um)) == 16
+    with pytest.raises(InputError, match="hold 30 filters, got 31"):
+        design_filters(black, 31, few)
 
 
 def test_black_bodies_are_all_alike_and_their_temperature_is_as_known_as_the_noise_lets_it():

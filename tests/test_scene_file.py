@@ -9,6 +9,7 @@ import trimesh
 
 from physics import InputError, MaterialLibrary
 from physics.simulator import load_scene
+from physics.simulator.geometry import normals
 from texnet.files.band_file import read_bands
 
 ROCK = {
@@ -55,6 +56,7 @@ def test_a_scene_is_what_its_file_says(write):
     assert scene.atmosphere.air_temperature_k == 280 and scene.atmosphere.water_cm == 2
     assert scene.sun_direction == (0, 0, 1)
     assert load_scene(write(lambda d: d.pop("atmosphere"))).atmosphere is None
+    assert load_scene(write(lambda d: d["camera"].pop("fov_deg"))).camera.fov_deg == 40
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl"])
@@ -79,7 +81,7 @@ def test_shapes(write, mesh, area, smooth):
 
 def test_temperature_fields(write):
     per_vertex = [280, 281, 282, 283]
-    rock = load_scene(write(with_object(temperature_k=per_vertex))).objects[0]
+    rock = load_scene(write(with_object(temperature_k=per_vertex, smooth=False))).objects[0]
     assert (rock.temperature_k == per_vertex).all()
     field = {
         "mean_k": 290,
@@ -128,6 +130,7 @@ def test_temperature_fields(write):
         (with_object(temperature_k={"mean_k": 290, "scale_m": 0}), "scale_m must be positive"),
         (with_object(temperature_k={"variation_k": 1}), "lacks 'mean_k'"),
         (with_object(temperature_k=-3), "1-2000"),
+        (with_object(temperature_k=17), "as low as 17; give K, not degrees Celsius"),
         (with_object(temperature_k=10**400), "must be a number, got 1000"),
         (with_object(material="sky"), "made of sky"),
     ],
@@ -152,17 +155,64 @@ def test_vertices_of_an_obj_are_the_file_s(write, tmp_path):
         assert (two.temperature_k[face] == (280 if left else 320)).all()
 
 
-def test_an_stl_is_smooth_too(write):
-    ply, stl = (load_scene(write(with_object(mesh=f"rock.{s}"))).objects[0] for s in ("ply", "stl"))
-    assert stl.smooth and len(stl.mesh.vertices) == len(ply.mesh.vertices) == 4
+def test_however_an_obj_is_written_it_is_the_same_mesh(write, tmp_path):
+    quads = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf {}\nv 0 0 5\nv 1 0 5\nv 0 1 5\nf {}\n"
+    plain = quads.format("1 2 3 4", "5 6 7")
+    back = quads.format("-4 -3 -2 -1", "-3 -2 -1")  # from where the face stands
+    comments = plain.replace("\n", " # x\n")
+    texts = plain, back, comments, "\ufeff" + plain, plain.replace(" ", "\t")
+    meshes = []
+    for text in texts:
+        (tmp_path / "q.obj").write_text(text, encoding="utf-8")
+        meshes.append(load_scene(write(with_object(mesh="q.obj"))).objects[0].mesh)
+    assert meshes[0].area == pytest.approx(1.5 * 2**2)
+    for m in meshes[1:]:
+        np.testing.assert_array_equal(m.triangles, meshes[0].triangles)
 
 
-def test_triangles_that_are_wound_both_ways_are_flat(write, tmp_path):
-    mesh = trimesh.creation.icosphere(1)
+@pytest.mark.parametrize("face", ["0 1 2", "1 2 9", "1 2", "-4 1 2", "1 2 x"])
+def test_an_obj_of_vertices_that_are_not_there_is_refused(write, tmp_path, face):
+    (tmp_path / "q.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf {face}\n")
+    with pytest.raises(InputError, match="cannot read .*q.obj as a mesh"):
+        load_scene(write(with_object(mesh="q.obj")))
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl"])
+def test_a_file_s_sharp_edges_stay_sharp_and_what_is_round_is_round(write, tmp_path, suffix):
+    trimesh.creation.box().export(tmp_path / f"box.{suffix}")
+    trimesh.creation.icosphere(3).export(tmp_path / f"ball.{suffix}")
+    sides, own = (
+        load_scene(write(with_object(mesh=f"box.{suffix}", **how))).objects[0]
+        for how in ({}, {"smooth": False})
+    )
+    assert sides.smooth and not own.smooth
+    at_corners = normals(sides.mesh)[sides.mesh.faces]
+    np.testing.assert_allclose(
+        at_corners, np.repeat(own.mesh.face_normals[:, None], 3, 1), atol=1e-6
+    )
+    (ball,) = load_scene(write(with_object(mesh=f"ball.{suffix}"))).objects
+    outwards = (ball.mesh.vertices - [1, 2, 3]) / 2
+    np.testing.assert_allclose(normals(ball.mesh), outwards, atol=0.02)
+
+
+def test_vertices_of_a_sharp_edge_keep_their_temperatures(write, tmp_path):
+    box = trimesh.creation.box()
+    box.export(tmp_path / "box.ply")
+    t = 280 + 10 * (box.vertices[:, 2] > 0)
+    (of_file,) = load_scene(write(with_object(mesh="box.ply", temperature_k=t.tolist()))).objects
+    top = of_file.mesh.vertices[:, 2] > 3  # turned about z, moved by 3
+    np.testing.assert_array_equal(of_file.temperature_k, 280 + 10 * top)
+
+
+def test_triangles_that_are_wound_both_ways_are_round_in_parts(write, tmp_path):
+    mesh = trimesh.creation.icosphere(3)
     faces = mesh.faces.copy()
-    faces[::2] = faces[::2, ::-1]
+    lower = mesh.triangles_center[:, 2] < 0
+    faces[lower] = faces[lower, ::-1]
     trimesh.Trimesh(mesh.vertices, faces, process=False).export(tmp_path / "mixed.ply")
-    assert not load_scene(write(with_object(mesh="mixed.ply"))).objects[0].smooth
+    (mixed,) = load_scene(write(with_object(mesh="mixed.ply"))).objects
+    of_corners = normals(mixed.mesh)[mixed.mesh.faces]
+    assert ((of_corners * mixed.mesh.face_normals[:, None]).sum(axis=2) > 0.9).all()
     with pytest.raises(InputError, match="wound both ways"):
         load_scene(write(with_object(mesh="mixed.ply", smooth=True)))
 
@@ -200,3 +250,10 @@ def test_unreadable_files(tmp_path):
             MaterialLibrary.load(tmp_path / "bad.json")
         with pytest.raises(InputError, match="must be JSON"):
             read_bands(tmp_path / "bad.json")
+
+
+def test_bands_are_numbers(tmp_path):
+    for wrong in ('["10", "11"]', "[true, false]", "[[10], 11]"):
+        (tmp_path / "b.json").write_text(f'{{"wavelength_um": {wrong}, "fwhm_um": [0.1, 0.1]}}')
+        with pytest.raises(InputError, match="b.json: wavelength_um must be real numbers"):
+            read_bands(tmp_path / "b.json")

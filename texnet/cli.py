@@ -189,7 +189,7 @@ def _cubes(to):
     )  # fmt: skip
     _add_seed(p, "light paths, noise and, where it is random, the scene")
 
-    text = "which N filters tell materials and temperatures best"
+    text = "which N filters, of one width up to 2 um, tell materials and temperatures best"
     p = _add(to, "bands", commands.bands, text)
     p.add_argument("--n", metavar="N", type=_integer(3, 16), required=True, help="3-16")
     p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")

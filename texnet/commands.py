@@ -41,7 +41,7 @@ def import_(args):
 def simulate(args):
     with loading():
         from physics.bands import equidistant_bands
-        from physics.machinery.whole_file import whole_file
+        from physics.machinery.whole_file import check_writable, whole_file
         from physics.simulator import simulate as trace
         from physics.simulator.presets import preset
         from physics.simulator.scene_file import load_scene
@@ -53,6 +53,7 @@ def simulate(args):
     named = isinstance(args.bands, Path)
     check_cube_path(args.out, args.scene, args.bands if named else None)
     beside = truth_path(args.out)
+    check_writable(beside, args.scene, args.bands if named else None)
     for other in (args.out.with_suffix(s) for s in (".exr", ".npz")):
         if other != args.out and other.exists():
             raise InputError(

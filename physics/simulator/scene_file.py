@@ -3,12 +3,11 @@
 docs/files.md describes all its keys.
 """
 
-import io
 import json
-import re
 import reprlib
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,8 @@ from ..sky import Atmosphere
 from .geometry import value_noise
 from .scene import Camera, Scene, SceneObject
 
+CREASE_DEG = 40.0  # between facets of a file, from which on an edge is sharp
+CELSIUS_K = 100.0  # no K of any scene
 PLANE = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
 
 # shape: its dimensions with how many numbers each has (None: one plain number), and a maker
@@ -105,12 +106,11 @@ def _object(data, index, folder):
     optional = ("name", "translate", "scale", "rotate_z_deg", "smooth", "mirror")
     _keys(data, label, ("mesh", "material", "temperature_k"), optional)
     label = f"object {str(data.get('name', index))!r}"
-    m = _mesh(data["mesh"], label, folder)
-    edged = isinstance(data["mesh"], dict) and data["mesh"]["shape"] != "sphere"
-    smooth = data.get("smooth", not edged and m.is_winding_consistent)
+    m, of_file = _mesh(data["mesh"], label, folder), isinstance(data["mesh"], str)
+    smooth = data.get("smooth", of_file or data["mesh"]["shape"] == "sphere")
     if not isinstance(smooth, bool):
         raise InputError(f"scene: {label}: smooth must be true or false, got {smooth!r}.")
-    if smooth and not m.is_winding_consistent:
+    if data.get("smooth") and not m.is_winding_consistent:
         raise InputError(
             f"scene: {label}: its triangles are wound both ways, so that normals cannot be "
             "interpolated; wind them alike, or take smooth false."
@@ -126,7 +126,13 @@ def _object(data, index, folder):
     temperature_k = _temperature(data["temperature_k"], m, label)
     name = str(data.get("name", f"object {index}"))
     mirror = _numbers(data.get("mirror", 0.0), None, f"{label} mirror")
-    return SceneObject(m, str(data["material"]), temperature_k, smooth, name, mirror)
+    built = SceneObject(m, str(data["material"]), temperature_k, smooth, name, mirror)
+    coldest = built.temperature_k.min()
+    if coldest < CELSIUS_K:
+        raise InputError(
+            f"scene: {label} temperature_k is as low as {coldest:g}; give K, not degrees Celsius."
+        )
+    return _creased(built) if of_file and "smooth" not in data else built
 
 
 def _mesh(data, label, folder):
@@ -152,19 +158,48 @@ def _mesh(data, label, folder):
     return make(**given)
 
 
+def _creased(built):
+    """A SceneObject with a vertex for each of the smooth parts that meet at an edge which is sharp,
+    or wound both ways."""
+    m = built.mesh
+    alike = m.face_adjacency[m.face_adjacency_angles < np.radians(CREASE_DEG)]
+    part = trimesh.graph.connected_component_labels(alike, len(m.faces))
+    n = len(m.vertices)
+    corner, faces = np.unique(part[:, None] * n + m.faces, return_inverse=True)
+    vertex = corner % n
+    split = trimesh.Trimesh(m.vertices[vertex], faces.reshape(-1, 3), process=False)
+    return replace(built, mesh=split, temperature_k=built.temperature_k[vertex])
+
+
 def _read_mesh(file):
     """A mesh file's vertices as the file has them, so that per-vertex temperatures fit; an STL,
     which has none of its own, gets one for all corners in a place."""
-    if file.suffix.lower() != ".obj":
-        m = trimesh.load(file, force="mesh", process=False)
-        if file.suffix.lower() == ".stl":
-            m.merge_vertices()
-        return m
-    # by materials, groups and seams trimesh would order and split them
-    lines = file.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ").splitlines()
-    kept = [re.sub(r"/\S*", "", line) for line in lines if line.split()[:1] in (["v"], ["f"])]
-    text = io.StringIO("\n".join(kept))
-    return trimesh.load(text, "obj", force="mesh", process=False, maintain_order=True)
+    if file.suffix.lower() == ".obj":
+        return _read_obj(file)
+    m = trimesh.load(file, force="mesh", process=False)
+    if file.suffix.lower() == ".stl":
+        m.merge_vertices()
+    return m
+
+
+def _read_obj(file):
+    """Vertices and faces of an OBJ file, which trimesh would order and split by materials, groups
+    and seams, and whose vertices that are counted back from it counts from the file's end."""
+    text = file.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
+    vertices, faces = [], []
+    for number, line in enumerate(text.splitlines(), 1):
+        key, *words = line.partition("#")[0].split() or [""]
+        if key == "v":
+            vertices.append([float(word) for word in words[:3]])
+        elif key == "f":
+            corners = [int(word.partition("/")[0]) for word in words]
+            corners = [i - 1 if i > 0 else len(vertices) + i if i < 0 else -1 for i in corners]
+            if min(corners) < 0 or len(corners) < 3:
+                raise ValueError(f"line {number} is no face: {line.strip()!r}")
+            faces += [(corners[0], *pair) for pair in pairwise(corners[1:])]
+    if faces and np.max(faces) >= len(vertices):
+        raise ValueError(f"a face has vertex {np.max(faces) + 1} of {len(vertices)}")
+    return trimesh.Trimesh(np.reshape(vertices, (-1, 3)), faces, process=False)
 
 
 def _temperature(data, mesh, label):

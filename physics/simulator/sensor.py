@@ -73,6 +73,8 @@ def add_noise(clean, wavelength_um, netd_k, rng):
 
     Never below B(FLOOR_K): a calibrated camera reports no zero and no negative radiance.
     """
-    w = np.asarray(wavelength_um)[:, None, None]
-    noisy = clean + noise_sigma(w, netd_k) * rng.standard_normal(np.shape(clean))
-    return np.maximum(noisy, planck(w, FLOOR_K))
+    noisy = np.empty_like(clean)
+    for w, of, out in zip(wavelength_um, clean, noisy, strict=True):  # a whole cube takes memory
+        of = of + noise_sigma(w, netd_k) * rng.standard_normal(of.shape)
+        np.maximum(of, planck(w, FLOOR_K), out=out, casting="same_kind")
+    return noisy

@@ -110,7 +110,7 @@ class TracedScene:
         sky = material == SKY
         if sky.any() and library.sky_index is None:
             raise InputError(f"simulate: the camera sees sky, but the library has no {SKY_NAME!r}.")
-        e = bands.average(emissivity).T[:, np.where(sky, 0, material)].astype(np.float32)
+        e = bands.average(emissivity).T.astype(np.float32)[:, np.where(sky, 0, material)]
         if sky.any():
             air = self.atmosphere.air_temperature_k
             glow = bands.average(bands.in_cells(lambda w: planck(w, air)))

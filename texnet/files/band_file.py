@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 
+from physics.cube.heat_cube import numbers
 from physics.errors import InputError
 from physics.machinery.whole_file import whole_file
 
@@ -13,13 +14,17 @@ def read_bands(path):
     try:
         with open(path, encoding="utf-8-sig") as f:
             data = json.load(f)
-        return tuple(np.array(data[key], np.float64) for key in ("wavelength_um", "fwhm_um"))
+        columns = {key: data[key] for key in ("wavelength_um", "fwhm_um")}
     except OSError as e:
         raise InputError(f"bands: cannot read {path}: {e.strerror}.") from e
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as e:
         raise InputError(
             f"bands: {path} must be JSON with lists wavelength_um and fwhm_um, in um."
         ) from e
+    return tuple(
+        numbers(column, f"bands: {path}: {key}").astype(np.float64)
+        for key, column in columns.items()
+    )
 
 
 def write_bands(path, wavelength_um, fwhm_um):

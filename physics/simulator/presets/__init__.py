@@ -31,7 +31,10 @@ PRESETS = {
 def preset(name, seed=0):
     """The Scene of a preset by name; InputError lists the names if there is none such."""
     if name not in PRESETS:
-        raise InputError(f"scene: no preset {name!r}; choose from {', '.join(PRESETS)}.")
+        raise InputError(
+            f"scene: no preset {name!r}; choose from {', '.join(PRESETS)}, or give a scene file "
+            "(.json)."
+        )
     return PRESETS[name](seed)
 
 
