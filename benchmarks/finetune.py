@@ -9,9 +9,10 @@ Parts, each of which may be run alone, interrupted and run again; what is done i
     cubes       fine-tuned by the physics loss alone, on 12 cubes of no known truth
     scratch     trained from nothing as `texnet train` does, each scene shaded once
 
-All are measured on test scenes (other geometry, temperatures, skies) made of the new library:
-54 bands, NETD 50 mK, environment estimated from the cube, k = 5; by the network alone and with
-refinement. DIR gets PART.safetensors, PART.json and, of all parts there, finetune.csv.
+All are measured on test scenes (other geometry, temperatures, skies) made of the new library, as
+`decompose` answers them: 54 bands, NETD 50 mK, environment estimated from the cube, k = 5; by the
+network alone and with refinement. DIR gets PART.safetensors, PART.json and, of all parts there,
+finetune.csv.
 
 Minutes of scenes are extrapolated from a few (TIMED), because most lie in the cache; minutes of
 training are those spent on a machine that may be busy: draws are not. Shading counts as
@@ -24,38 +25,34 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
 import pytorch_lightning as lightning
-import torch
 
 from benchmarks import SHIPPED
+from benchmarks.accuracy import NETD_K, K
 from benchmarks.rows import write_csv
 from physics import starter
 from physics.bands import equidistant_bands
 from physics.errors import InputError
-from physics.estimate import estimate_environment
-from physics.evidence import Known
-from physics.known import known_arrays
 from physics.library import MaterialLibrary
 from physics.machinery.provenance import fingerprint
 from physics.machinery.whole_file import whole_file
-from physics.refinement import STEPS
 from physics.starter import AIR, Recipe
 from texnet.files.weights import load_network, save_network
-from texnet.methods import WEIGHTS
+from texnet.learned import torch_model
+from texnet.methods import NETS, WEIGHTS
 from texnet.metrics import evaluate
-from texnet.model import TeXModel
 from texnet.network import TeXNet
+from texnet.pipeline import decompose
 from texnet.progress import progress_bar
 from training import finetune as recipe
 from training import train
 from training.reshade import ReshadedSet
 from training.scenes import Record
 
-BANDS, NETD_K, K = 54, 0.05, 5
+BANDS = 54
 TEST_SCENES, CUBES = 12, 12
 TIMED = 4  # scenes
 PARTS = ("zero-shot", "scenes", "cubes", "scratch")
@@ -121,27 +118,18 @@ def new_library():
     )
 
 
-def measure(network, scenes, steps):
-    """Scores of a TeXModel on the first turn of a ReshadedSet: dict of means over scenes
-    (temperature: root mean square), and seconds per scene of the model alone."""
-    library, rows, seconds = scenes.library, [], 0.0
+def measure(network, scenes, method):
+    """Means over scenes of what a TeXNet scores by a method on the first turn of a ReshadedSet, and
+    seconds per scene of the network's part."""
+    model, rows, seconds = torch_model(network), [], 0.0
     for i in range(scenes.count):
         cube, truth = scenes.shade(i, *equidistant_bands(BANDS), NETD_K)
-        arrays = known_arrays(cube, library, estimate_environment(cube, library, K))
-        known = Known.of(arrays)
-        start = time.perf_counter()
-        tex = TeXModel(network, steps)(known, torch.from_numpy(cube.radiance.copy()))
-        seconds += time.perf_counter() - start
-        answer = {name: a.numpy() for name, a in tex._asdict().items()}
-        known_too = dict(
-            material_names=library.names, wavelength_um=cube.wavelength_um, dead=cube.dead
-        )
-        scores = evaluate(SimpleNamespace(**known_too, **answer), truth)
+        d = decompose(cube, scenes.library, method=method, k=K, model=model)
+        seconds += d.seconds["network"]
+        scores = evaluate(d, truth)
         rows.append([scores[name] for name in SCORES])
-    means = dict(zip(SCORES, np.nanmean(rows, axis=0), strict=True))
-    t = np.array(rows)[:, SCORES.index("temperature_rmse_k")]
-    means["temperature_rmse_k"] = np.sqrt(np.nanmean(t**2))
-    return {n: float(v) for n, v in means.items()} | {"seconds_per_scene": seconds / len(rows)}
+    means = dict(zip(SCORES, map(float, np.nanmean(rows, axis=0)), strict=True))
+    return means | {"seconds_per_scene": seconds / len(rows)}
 
 
 class Shaded:
@@ -216,9 +204,9 @@ def run(part, args, library):
     }  # fmt: skip
     save_network(network, args.out / f"{part}.safetensors", {"benchmark": part} | cost)
     rows = [
-        {"part": part, "refined": steps > 0, "test_scenes": args.test_scenes}
-        | measure(network, test, steps) | cost
-        for steps in (0, STEPS)
+        {"part": part, "method": method, "test_scenes": args.test_scenes}
+        | measure(network, test, method) | cost
+        for method in NETS
     ]  # fmt: skip
     with whole_file(args.out / f"{part}.json") as path:
         path.write_text(json.dumps(rows, indent=1), encoding="utf-8")
@@ -229,11 +217,11 @@ def table(out):
     done = [out / f"{p}.json" for p in PARTS if (out / f"{p}.json").exists()]
     rows = [row for path in done for row in json.loads(path.read_text(encoding="utf-8"))]
     write_csv(out / "finetune.csv", rows)
-    lines = [f"{'part':10s} refined  accuracy  entropy  T rmse K  texture r  draws  minutes"]
+    lines = [f"{'part':10s} method   accuracy  entropy  T rmse K  texture r  draws  minutes"]
     for r in rows:
         minutes = f"{r['minutes_scenes']:.1f} + {r['minutes_training']:.1f}"
         lines.append(
-            f"{r['part']:10s} {'yes' if r['refined'] else 'no':7s}  {r['material_accuracy']:8.4f}"
+            f"{r['part']:10s} {r['method']:7s}  {r['material_accuracy']:8.4f}"
             f"  {r['cross_entropy']:7.3f}  {r['temperature_rmse_k']:8.3f}"
             f"  {r['texture_correlation']:9.3f}  {r['draws']:5d}  {minutes}"
         )

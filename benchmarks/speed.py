@@ -64,6 +64,7 @@ from texnet.network import TeXNet
 from texnet.pipeline import decompose
 
 FRAME, BANDS, K, NETD_K = (1080, 1920), 54, 4, 0.05
+OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V
 THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 PIECE = 2  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 30
@@ -200,7 +201,7 @@ def pan(bands):
     except ImportError:
         return _stand_in(bands), "PAN-ResNet50 (stand-in)"
     torch.manual_seed(0)
-    return smp.PAN("resnet50", encoder_weights=None, in_channels=bands, classes=30), "PAN-ResNet50"
+    return smp.PAN("resnet50", encoder_weights=None, in_channels=bands, classes=OUT), "PAN-ResNet50"
 
 
 def _stand_in(bands):
@@ -237,7 +238,7 @@ def _stand_in(bands):
         for i in range(blocks):
             layers.append(bottleneck(n, width, stride if i == 0 else 1, dilation))
             n = 4 * width
-    return nn.Sequential(*layers, nn.Conv2d(n, 30, 1), nn.Upsample(scale_factor=16))
+    return nn.Sequential(*layers, nn.Conv2d(n, OUT, 1), nn.Upsample(scale_factor=16))
 
 
 def pan_forward(cube, device="cpu"):

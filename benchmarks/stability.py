@@ -36,7 +36,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from benchmarks import ONNX
-from benchmarks.accuracy import RANDOM_SCENES, test_scenes
+from benchmarks.accuracy import NETD_K, RANDOM_SCENES, K, test_scenes
 from benchmarks.atlas import draw, faults, page
 from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
@@ -59,7 +59,7 @@ from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
 from training.scenes import BASE_SEED
 
-SIZE, SPP, BANDS, NETD_K, K = (72, 96), 64, 54, 0.05, 5
+SIZE, SPP, BANDS = (72, 96), 64, 54
 COLUMNS = (
     "temperature_rmse_k", "temperature_mae_k", "brightness_mae_k", "sigma_k", "within_1_sigma",
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
@@ -478,6 +478,14 @@ def row_of(case, d, grey):
     }  # fmt: skip
 
 
+def brightness_k(case, view):
+    """(n,) K, brightness temperature of the ground of a Case of a View, told the true sky."""
+    bands = case.cube.wavelength_um, case.cube.fwhm_um
+    x = surroundings(view.traced, case.truth, *bands)
+    ground = case.cube.radiance[:, non_sky(case.truth)].T.astype(float)
+    return brightness.separate(ground, BandPlanck(*bands), x)[0]
+
+
 def amplification(case, d, other):
     """Median over the ground of |T - T of another draw of noise|, over what the bound allows."""
     ground = non_sky(case.truth)
@@ -496,10 +504,7 @@ def measured(axis, level, view, library, model):
     of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
     case = AXES[axis].case(view, library, level)
     again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
-    bands = case.cube.wavelength_um, case.cube.fwhm_um
-    x = surroundings(view.traced, case.truth, *bands)
-    ground = case.cube.radiance[:, non_sky(case.truth)].T.astype(float)
-    grey, _ = brightness.separate(ground, BandPlanck(*bands), x)
+    grey = brightness_k(case, view)
     for method in METHODS:
         row = of | {"method": method}
         try:

@@ -260,8 +260,8 @@ def _named(scene, curves):
     missed = _missed(energy, [c + 1 for c in order])
     doubtful = [n for n, x in zip(names, missed, strict=True) if len(names) > 1 and x <= SHARE]
     note = (
-        f"{len(names)} materials beside the sky; their levels rest on an assumed largest "
-        f"emissivity of {EMISSIVITY_MAX}"
+        f"{len(names)} material{'s' * (len(names) > 1)} beside the sky; levels rest on an assumed "
+        f"largest emissivity of {EMISSIVITY_MAX}"
     )
     if doubtful:
         note += (

@@ -7,6 +7,7 @@ import numpy as np
 from .cube.dead_pixels import HOTTEST_K
 from .cube.heat_cube import check_wavelength, numbers
 from .errors import Implausible, InputError
+from .machinery.read_only import ReadOnly
 from .planck import brightness_temperature, planck, planck_derivative
 from .prior import lighting_scale, scene_temperatures
 
@@ -18,7 +19,7 @@ COLD_SKY_K, NEAR_K = 110.0, 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Environment:
+class Environment(ReadOnly):
     """Spectra S_1..S_k of the equivalent environment objects, immutable.
 
     radiance       (k, bands) W m-2 sr-1 um-1, finite and positive

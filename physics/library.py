@@ -20,6 +20,7 @@ import numpy as np
 
 from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
+from .machinery.read_only import ReadOnly
 from .machinery.whole_file import whole_file
 
 SKY = "sky"
@@ -28,7 +29,7 @@ MIRROR = 0.3  # mean emissivity, below which a material is one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MaterialLibrary:
+class MaterialLibrary(ReadOnly):
     """Semantic library of spectral emissivities, immutable.
 
     names          unique names, one per material; "sky" stands for the sky

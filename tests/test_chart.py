@@ -101,6 +101,20 @@ def test_a_separation_is_told_the_sky_and_what_it_says_of_x_obeys_eq_1(traced):
     np.testing.assert_allclose(s, scene.cube.radiance[:, y, x], rtol=1e-5)
 
 
+def test_a_picture_of_reversed_relief_scores_the_same(traced, monkeypatch):
+    """A separation cannot tell which way it is: the better one counts."""
+    scene, light = Scene(traced, 9), chart.light
+    scores = [evaluate(*by_separation(nem)(scene))["texture_correlation"]]
+
+    def reversed_light(*args):
+        x, mean = light(*args)
+        return x, -mean
+
+    monkeypatch.setattr(chart, "light", reversed_light)
+    scores.append(evaluate(*by_separation(nem)(scene))["texture_correlation"])
+    assert scores[0] == pytest.approx(scores[1]) and scores[0] > 0
+
+
 def test_scipy_and_its_truth_are_of_the_same_pixels(traced, monkeypatch):
     monkeypatch.setattr(chart, "SCIPY_PIXELS", 6)
     scene = Scene(traced, 9)

@@ -137,6 +137,14 @@ def test_light_is_what_eq_1_was_given():
     np.testing.assert_allclose(mean, 3.0, rtol=1e-9)
 
 
+def test_a_band_in_which_nothing_is_reflected_says_nothing_of_the_light():
+    e = np.full((4, len(W)), 0.6)
+    e[:, 10] = 1 - 1e-6
+    s = lit(TEMPERATURES, e, np.full(len(W), 3.0))
+    s[:, 10] += 0.1  # of the glow
+    np.testing.assert_allclose(light(s, TEMPERATURES, e, PLANCK)[1], 3.0, rtol=1e-3)
+
+
 def test_scipy_fits_as_well_as_the_exact_solver_and_no_better(make_pixels):
     """By Planck's law itself, of which the solver has a series: what that errs moves T and V so
     little that J does not notice."""

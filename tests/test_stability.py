@@ -1,12 +1,24 @@
 """The difficulties of the atlas are those that it names."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks import rows, stability
-from benchmarks.stability import AXES, METHODS, Case, View, amplification, missing_rows
+from benchmarks.peers import brightness
+from benchmarks.peers.band_planck import BandPlanck
+from benchmarks.stability import (
+    AXES,
+    METHODS,
+    Case,
+    View,
+    amplification,
+    brightness_k,
+    missing_rows,
+    row_of,
+)
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, planck
 from texnet.metrics import non_sky
@@ -96,6 +108,32 @@ def test_amplification_of_the_exact_solver_is_near_one(library):
     cases = [case("noise", 0.05, library, View("patterned", 7, draw=i)) for i in (0, 1)]
     a, b = (decompose(c.cube, library, method="local") for c in cases)
     assert 1 < amplification(cases[0], a, b) < 2
+
+
+@pytest.mark.parametrize("scene", ["forest", "street"])
+def test_the_brightness_temperature_knows_the_sky(library, scene):
+    """Told that, it errs less than told nothing of what is reflected."""
+    view = View(scene, 7)
+    c = case("noise", 0.05, library, view)
+    bands, ground = (c.cube.wavelength_um, c.cube.fwhm_um), non_sky(c.truth)
+    blind = brightness.separate(
+        c.cube.radiance[:, ground].T.astype(float), BandPlanck(*bands), np.zeros(c.cube.bands)
+    )[0]
+    off = lambda t: np.abs(t - c.truth.temperature_k[ground]).mean()
+    assert off(brightness_k(c, view)) < 0.95 * off(blind)
+
+
+def test_worse_than_the_brightness_temperature_is_what_its_sigma_does_not_cover(library):
+    """Of four pixels one errs by three of its sigmas where brightness is right."""
+    c = case("noise", 0.05, library)
+    d = decompose(c.cube, library, method="local")
+    ground, t = non_sky(c.truth), c.truth.temperature_k.astype(np.float64)
+    off = np.resize([0.0, 0.5, 1.5, 3.0], t.shape)
+    d = replace(d, temperature_k=t + off, temperature_sigma_k=np.ones_like(t))
+    said = row_of(c, d, t[ground])
+    assert said["worse_than_brightness"] == (off[ground] > 2).mean()
+    assert said["brightness_mae_k"] == 0 and not said["failure"]
+    assert row_of(c, d, t[ground] + 5)["worse_than_brightness"] == 0
 
 
 def test_what_is_said_of_a_missing_material(library, monkeypatch):

@@ -1,5 +1,6 @@
 """HeatCube, MaterialLibrary and Environment: checked once on construction, then immutable."""
 
+import copy
 import dataclasses
 import json
 
@@ -209,6 +210,19 @@ def test_immutable_and_not_an_alias(which):
             given_[0] = 1 if name == "sky" else "changed"
     for name, value in before.items():
         np.testing.assert_array_equal(getattr(made, name), value)
+
+
+@pytest.mark.parametrize("which", range(3), ids=["cube", "library", "environment"])
+def test_a_copy_is_immutable_too(which):
+    """As one that goes to another process is."""
+    make, fields = arguments()[which]
+    made = make(**fields)
+    again = copy.deepcopy(made)
+    for field in dataclasses.fields(made):
+        held, was = getattr(again, field.name), getattr(made, field.name)
+        np.testing.assert_array_equal(held, was)
+        if isinstance(held, np.ndarray):
+            assert not held.flags.writeable and held is not was
 
 
 def test_defaults_cannot_be_written_either():

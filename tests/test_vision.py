@@ -1,6 +1,7 @@
 """TeX vision means what it shows: hue material, saturation temperature, value texture."""
 
 import colorsys
+import json
 from dataclasses import fields
 from types import SimpleNamespace
 
@@ -80,6 +81,14 @@ def test_the_sky_is_paler_and_brighter_than_the_ground(answer):
     assert hsv[~sky, 1].mean() > hsv[sky, 1].mean() and hsv[~sky, 2].mean() < hsv[sky, 2].mean()
 
 
+def test_what_the_sky_s_pixels_hold_does_not_change_the_ground(answer):
+    before = tex_vision(answer)
+    sky = np.asarray(answer.material_names)[answer.material] == "sky"
+    answer.temperature_k = np.where(sky, 200.0, answer.temperature_k)
+    answer.sky_texture = np.where(sky, 99.0, answer.sky_texture)
+    np.testing.assert_array_equal(tex_vision(answer)[~sky], before[~sky])
+
+
 def test_the_sky_is_even_whatever_may_stand_before_it(answer):
     rng = np.random.default_rng(0)
     sky = np.asarray(answer.material_names)[answer.material] == "sky"
@@ -103,17 +112,32 @@ def test_stretch():
     mask = a < 51
     np.testing.assert_allclose(stretch(a, mask, 0, 100), np.clip(a / 50, 0, 1))
     assert (stretch(np.ones(5)) == 0.5).all()
+    lit = np.zeros(1000)
+    lit[3] = 2.0  # all else is the same
+    np.testing.assert_array_equal(stretch(lit), lit / 2)
 
 
 # --- files -------------------------------------------------------------------------------
+
+
+def varied(d):
+    """Of a made-up answer no map is the same everywhere, nor as another."""
+    rng = np.random.default_rng(1)
+    shape = d.material.shape
+    d.unknown, d.dead, d.saturated, d.hot = rng.random((4, *shape)) < [[[0.3]], [[0.1]], [[0.05]],
+                                                                       [[0.02]]]  # fmt: skip
+    d.residual = rng.uniform(0.5, 2, shape).astype(np.float32)
+    d.temperature_sigma_k = rng.uniform(0.05, 1, shape).astype(np.float32)
+    return d
 
 
 @pytest.mark.parametrize("with_truth", [True, False])
 @pytest.mark.parametrize("sky", [(0,), ()])
 def test_every_file_is_written(tmp_path, with_truth, sky):
     truth = made_up.truth()
-    d = made_up.perfect(truth)
+    d = varied(made_up.perfect(truth))
     d.sky = sky
+    d.material_names = ("grass", "water", "sky", "bark, wet")
     pictures = baseline_pictures(made_up.cube(truth))
     paths = write_decomposition(d, pictures, truth if with_truth else None, tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in paths.values()} == {
@@ -126,8 +150,8 @@ def test_every_file_is_written(tmp_path, with_truth, sky):
         assert npz["left_out"].tolist() == [9.5] and npz["netd_k"] == 0.05
         assert tuple(npz["material_names"]) == d.material_names
         assert tuple(npz["sky"]) == sky
-        np.testing.assert_array_equal(npz["temperature_k"], d.temperature_k)
-        np.testing.assert_array_equal(npz["texture"], d.texture)
+        for name in set(npz.files) - {"left_out", "material_names", "sky"}:
+            np.testing.assert_array_equal(npz[name], getattr(d, name), err_msg=name)
     shown = matplotlib.image.imread(paths["tex_vision"])[..., :3]
     np.testing.assert_array_equal(np.rint(255 * shown), tex_vision(d))
     for name in ("maps", "comparison"):
@@ -135,9 +159,15 @@ def test_every_file_is_written(tmp_path, with_truth, sky):
         assert picture.shape[1] > 600 and picture[..., :3].std() > 0.05, "an empty figure"
     with OpenEXR.File(str(paths["maps_exr"]), separate_channels=True) as file:
         maps = {name: c.pixels for name, c in file.channels().items()}
-    assert {"T", "sigmaT", "material", "V.0", "V.1", "skyTexture"} <= set(maps)
-    np.testing.assert_array_equal(maps["T"], d.temperature_k)
-    np.testing.assert_array_equal(maps["material"], d.material)
+        assert tuple(json.loads(file.header()["materialNames"])) == d.material_names
+    held = {
+        "T": d.temperature_k, "sigmaT": d.temperature_sigma_k, "material": d.material,
+        "unknown": d.unknown, "dead": d.dead, "residual": d.residual, "skyTexture": d.sky_texture,
+        "V.0": d.thermal_lighting[0], "V.1": d.thermal_lighting[1],
+    }  # fmt: skip
+    assert set(maps) == set(held)
+    for name, map_ in held.items():
+        np.testing.assert_array_equal(maps[name], map_, err_msg=name)
 
 
 def test_figures_of_answers_without_sky_or_ground(tmp_path):
@@ -245,6 +275,52 @@ def test_names_that_the_library_lacks_are_no_errors_of_the_answer(drawn):
     colours = np.unique(panel(figure, "truth")[..., :3].reshape(-1, 3), axis=0)
     apart = np.abs(colours[:, None] - colours).max(axis=2)[~np.eye(len(colours), dtype=bool)]
     assert len(colours) == 4 and apart.min() > 0.1
+
+
+def test_every_panel_is_what_its_title_says(drawn):
+    """As far as it is shown: not where nothing was measured, nor T and light where sky is."""
+    truth = made_up.truth()
+    d = varied(made_up.perfect(truth))
+    d.dead = np.zeros_like(d.dead)
+    d.dead[10:14, 5:11] = True
+    d.temperature_k = d.temperature_k + np.float32(3) * (d.residual - 1)
+    d.texture = d.texture * (1 + 0.1 * d.residual)
+    d.sky_texture = d.sky_texture * (2 - d.residual)
+    figure = drawn(texnet.figures.maps_figure, d, truth)
+    # ground is what an answer calls so
+    ground = np.array([name != "sky" for name in d.material_names])[d.material]
+    there, true_there = ground & ~d.dead, truth.material != 2
+    fields = {
+        "temperature (K)": (d.temperature_k, truth.temperature_k),
+        "lighting by the sky V": (d.thermal_lighting[0], truth.sky_view),
+        "texture X": (d.texture.mean(axis=0), truth.texture.mean(axis=0)),
+        "sky-lit X": (d.sky_texture, truth.sky_texture),
+    }
+    shown = [ax for ax in figure.axes if ax.images]
+    for title, (ours, true) in fields.items():
+        (at,) = (i for i, ax in enumerate(shown) if ax.get_title().startswith(title))
+        column = shown[at].get_position().x0
+        of = [ax for ax in shown if ax.get_position().x0 == column]
+        pictures = {ax.get_title(): ax.images[0] for ax in of}
+        own, truths, error = (
+            np.ma.filled(image.get_array(), np.nan) for image in pictures.values()
+        )
+        np.testing.assert_allclose(own, np.where(there, ours, np.nan), rtol=1e-5, err_msg=title)
+        np.testing.assert_allclose(truths, np.where(true_there, true, np.nan), rtol=1e-5)
+        off = np.where(there & true_there, ours.astype(float) - true, np.nan)
+        np.testing.assert_allclose(error, off, atol=1e-4, err_msg=title)
+        low, high = pictures["truth"].get_clim()
+        both = np.concatenate([own[there], truths[true_there]])
+        assert 0.97 < np.mean((low <= both) & (both <= high)) < 1
+        low, high = pictures["estimate - truth"].get_clim()
+        assert low == -high
+    for title, own, seen in (
+        ("sigma of T (K)", d.temperature_sigma_k, there), ("residual", d.residual, ~d.dead),
+        ("unknown", d.unknown, ~d.dead),
+    ):  # fmt: skip
+        (ax,) = (ax for ax in shown if ax.get_title().startswith(title))
+        picture = np.ma.filled(ax.images[0].get_array().astype(float), np.nan)
+        np.testing.assert_allclose(picture, np.where(seen, own, np.nan), rtol=1e-5, err_msg=title)
 
 
 def test_a_room_has_no_texture_correlation(drawn):

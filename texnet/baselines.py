@@ -26,7 +26,7 @@ def panchromatic(cube):
 def clahe(picture):
     """Contrast-limited adaptive histogram equalisation (Zuiderveld 1994): (H, W) in 0..1.
 
-    Clip limit 2 over at most 8 x 8 tiles, the usual defaults; tiles of 16 pixels or more. A
+    Clip limit 2 over at most 8 x 8 tiles, as often used; tiles of 16 pixels or more. A
     single row or column counts as two of the same.
     """
     import torch  # which takes a second to load

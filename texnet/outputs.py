@@ -10,6 +10,7 @@
 docs/files.md says more of each.
 """
 
+import json
 import os
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -124,4 +125,4 @@ def _write_maps_exr(d, path):
         "skyTexture": d.sky_texture,
     } | {f"V.{j}": v for j, v in enumerate(d.thermal_lighting)}
     channels = {name: np.ascontiguousarray(m, dtype=np.float32) for name, m in maps.items()}
-    write_exr({"materialNames": ",".join(d.material_names)}, channels, path)
+    write_exr({"materialNames": json.dumps(d.material_names)}, channels, path)

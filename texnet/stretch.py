@@ -8,13 +8,16 @@ def stretch(picture, mask=None, low=1.0, high=99.0):
 
     mask  (height, width) bool: the pixels that set the percentiles; None: all
 
-    Values beyond are clipped. A constant picture becomes 0.5: it has no contrast to show.
+    Values beyond are clipped. Where both percentiles are the same, the least and the largest take
+    their place; a constant picture becomes 0.5: it has no contrast to show.
     Returns float64 of the same shape.
     """
     picture = np.asarray(picture, dtype=np.float64)
     seen = picture if mask is None else picture[..., mask]
     seen = seen[np.isfinite(seen)]
     a, b = np.percentile(seen, [low, high]) if seen.size else (0.0, 0.0)
+    if not b > a and seen.size:
+        a, b = seen.min(), seen.max()
     if not b > a:
         return np.full(picture.shape, 0.5)
     return np.clip((np.nan_to_num(picture, nan=a) - a) / (b - a), 0.0, 1.0)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image
 
+from benchmarks.accuracy import NETD_K
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import whole_file
@@ -23,7 +24,7 @@ from texnet.metrics import names_in_view
 from texnet.vision import tex_vision
 
 SIZE, FULL_SIZE = (256, 384), (1080, 1920)  # pixels; the second is the published one
-BANDS, SPP, SEED, NETD_K = 54, 64, 7, 0.05
+BANDS, SPP, SEED = 54, 64, 7
 NOTHING = "#cfe0f0"  # where a picture has no value, as in the sky
 WIDTH_INCHES, TEXT, LEGEND_COLUMNS = 10.0, 10, 8
 SCREEN_DPI, PRINT_DPI = 100, 300  # 1000 pixels wide, text legible a little smaller; 3000

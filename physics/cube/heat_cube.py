@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import Implausible, InputError
 from ..machinery import scratch
+from ..machinery.read_only import ReadOnly
 from ..planck import brightness_temperature, noise_sigma
 from .dead_pixels import dead_pixels, filled, lifted, without_dead
 from .netd import estimated_netd
@@ -58,7 +59,7 @@ def sampling_step(shape, at_least):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HeatCube:
+class HeatCube(ReadOnly):
     """A heat cube S, immutable.
 
     radiance       (bands, height, width) float32, W m-2 sr-1 um-1, finite and positive, but for
@@ -137,7 +138,9 @@ class HeatCube:
 
     def __repr__(self):
         w, (height, width) = self.wavelength_um, self.shape
-        netd = "not known" if self.netd_k is None else f"{1e3 * self.netd_k:.3g} mK"
+        netd = "not known"
+        if self.netd_k is not None:
+            netd = f"{1e3 * self.netd_k:.3g} mK" if self.netd_k < 1 else f"{self.netd_k:.3g} K"
         return (
             f"<HeatCube of {height} x {width} pixels, {self.bands} bands at {w[0]:.4g}-{w[-1]:.4g} "
             f"um, NETD {netd}>"

@@ -215,11 +215,8 @@ class Objective:
         """(P, L) float32 material probabilities with the Potts term, by mean field."""
         q = _softmax(-self.unary)
         for _ in range(MEAN_FIELD_SWEEPS):
-            maps = q.reshape(*self.shape, -1)
-            field = -self.unary
-            for edge, neighbour in zip(self.edges, _neighbours(maps), strict=True):
-                field += (edge.astype(np.float32)[..., None] * neighbour).reshape(field.shape)
-            q = _softmax(field)
+            for colour in (0, 1):  # all pixels at once would go to and fro for ever
+                _mean_field(colour, self.unary, self.edges, q)
         return q
 
 
@@ -276,6 +273,28 @@ def _edge_cost(t, m, tq, mq, sky):
         return 0.0
     d2 = (t - tq) ** 2
     return d2 / (d2 + DELTA_K * DELTA_K)
+
+
+@compiled(parallel=True)
+def _mean_field(colour, unary, edges, q):
+    """Set q (P, L) of the pixels of a colour to what lowers the free energy most, that of all
+    others being given."""
+    height, width = edges.shape[1:]
+    for row in numba.prange(height):
+        field = np.empty(q.shape[1])
+        for col in range((row + colour) % 2, width, 2):
+            p = row * width + col
+            for label in range(len(field)):
+                field[label] = -unary[p, label]
+            for i in range(4):
+                if edges[i, row, col] > 0.0:
+                    neighbour = (row + (i == 1) - (i == 0)) * width + col + (i == 3) - (i == 2)
+                    for label in range(len(field)):
+                        field[label] += edges[i, row, col] * q[neighbour, label]
+            field = np.exp(field - field.max())
+            field /= field.sum()
+            for label in range(len(field)):
+                q[p, label] = field[label]
 
 
 @compiled(parallel=True)

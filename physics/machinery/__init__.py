@@ -4,6 +4,7 @@ whole_file  a file is written whole or not at all
 array_file  named arrays in one file
 provenance  what made a result that is kept on disk
 scratch     large arrays in files without a name
+read_only   values whose arrays stay read-only when they are copied
 threads     many items, some at a time
 tiles       pictures of any size in tiles
 compiled    loops compiled by numba

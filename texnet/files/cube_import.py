@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
+from physics.cube.heat_cube import numbers
 from physics.errors import InputError
 from physics.machinery.array_file import BROKEN_NPY
 
@@ -62,6 +63,12 @@ def import_cube(
         raise InputError(f"cube: {path} {what}; give a file.")
     if unit is not None and unit not in UNITS:
         raise InputError(f"cube: {unit!r} is no unit that is known; use {', '.join(UNITS)}.")
+    wavelengths_um = _pair(wavelengths_um, "wavelengths_um")
+    wavenumbers_cm1 = _pair(wavenumbers_cm1, "wavenumbers_cm1")
+    range_um = _pair(range_um, "range_um")
+    for name, part in (("rows", rows), ("columns", columns)):
+        if not isinstance(part, slice | None):
+            raise InputError(f"cube: {name} must be a slice, as slice(0, 100), got {part!r}.")
     try:
         raw = _read(path, unit)
         if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
@@ -77,6 +84,16 @@ def import_cube(
     except OSError as e:
         raise InputError(f"cube: cannot read {e.filename or path}: {e.strerror or e}.") from e
     return cube, f"{path}: {note}"
+
+
+def _pair(values, name):
+    """Two floats, or None; else InputError."""
+    if values is None:
+        return None
+    pair = numbers(values, f"cube: {name}")
+    if pair.shape != (2,):
+        raise InputError(f"cube: {name} must be two numbers, got {values!r}.")
+    return tuple(map(float, pair))
 
 
 def _read(path, unit):
