@@ -24,7 +24,7 @@ def dips(*places):
 CURVES = np.stack([dips(9.0), dips(11.3), dips(8.2, 12.8)])
 
 
-def make(curves=CURVES, netd_k=None, height=36, width=60, seed=0, surround=288.0):
+def make(curves=CURVES, netd_k=None, height=36, width=60, seed=0, surround=288.0, shares=None):
     """HeatCube and the material of its ground: a third of it sky, then stripes of materials,
     each under more or less of the sky overhead."""
     rng = np.random.default_rng(seed)
@@ -33,7 +33,9 @@ def make(curves=CURVES, netd_k=None, height=36, width=60, seed=0, surround=288.0
     sky = sky_radiance(W, heights, AIR)
     overhead = sky_radiance(W, np.array([0.9, 0.6, 0.35]), AIR).mean(axis=0)
     n = (height - top) * width
-    material = np.arange(n) % width * len(curves) // width
+    shares = np.ones(len(curves)) if shares is None else np.array(shares)
+    ends = np.cumsum(shares) / shares.sum()
+    material = np.searchsorted(ends, np.arange(n) % width / width, side="right")
     t = rng.uniform(281.0, 296.0, n)[:, None]
     v = rng.uniform(0.3, 1.0, n)[:, None]
     e = curves[material]
@@ -57,6 +59,14 @@ def test_curves_come_back_and_their_number(netd_k):
     assert library.names == ("sky", "material_1", "material_2", "material_3")
     assert "3 materials" in note and "cannot be told" not in note
     assert (matched(library) < 0.03).all()  # as the falls are 0.15 deep
+
+
+def test_the_commonest_comes_first():
+    library, _ = library_from_cube(make(netd_k=0.02, shares=(1, 2, 4))[0], 3)
+    off = ((library.at(W)[1:, None] - CURVES) ** 2).mean(axis=2)
+    assert off.argmin(axis=1).tolist() == [2, 1, 0]
+    said = [float(text.split(":")[1].split("%")[0]) for text in library.descriptions[1:]]
+    assert said == sorted(said, reverse=True) and said[0] > 1.5 * said[1]
 
 
 def test_the_order_of_the_pixels_does_not_matter():

@@ -780,3 +780,26 @@ def test_to_import_a_cube_needs_neither_torch_nor_numba(tmp_path):
     )
     path = envi(tmp_path / "a", S)
     subprocess.run([sys.executable, "-c", code, path, tmp_path / "b.npz"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"wavelengths_um": [9.0]}, "wavelengths_um must be two numbers"),
+        ({"wavenumbers_cm1": "700:1240"}, "wavenumbers_cm1 must be real numbers"),
+        ({"range_um": 13}, "range_um must be two numbers"),
+        ({"rows": (0, 10)}, r"rows must be a slice, as slice\(0, 100\)"),
+        ({"columns": 3}, "columns must be a slice"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused(tmp_path, how, message):
+    np.save(tmp_path / "s.npy", np.ones((3, 4, 5)))
+    with pytest.raises(InputError, match=message):
+        import_cube(tmp_path / "s.npy", "W/m2/sr/um", **how)
+
+
+def test_ends_of_the_bands_may_be_an_array(tmp_path):
+    w = np.linspace(9.0, 11.0, 3)
+    np.save(tmp_path / "s.npy", np.broadcast_to(planck(w, 290.0)[:, None, None], (3, 4, 5)))
+    cube, _ = import_cube(tmp_path / "s.npy", "W/m2/sr/um", wavelengths_um=w[[0, -1]])
+    np.testing.assert_allclose(cube.wavelength_um, w)

@@ -158,6 +158,31 @@ def test_each_kind_of_step_never_increases_the_objective(seed):
         state = moved
 
 
+def free_energy(objective, q):
+    """Of independent pixels of probabilities q (P, L): the mean of E's Potts part, less entropy."""
+    q = q.astype(float)
+    maps = q.reshape(*objective.shape, -1)
+    agree = (objective.edges[1][:-1] * (maps[:-1] * maps[1:]).sum(axis=2)).sum()
+    agree += (objective.edges[3][:, :-1] * (maps[:, :-1] * maps[:, 1:]).sum(axis=2)).sum()
+    return (q * objective.unary).sum() + (q * np.log(np.maximum(q, 1e-300))).sum() - agree
+
+
+@pytest.mark.parametrize("netd", [0.05, 0.4])
+def test_mean_field_lowers_the_free_energy_and_comes_to_rest(netd, monkeypatch):
+    library = curves(materials=5, seed=3, depth=(0.03, 0.06))
+    objective = Scene(library, surroundings(), (20, 26), netd, seed=3).objective()
+    found = []
+    for sweeps in (0, 1, 2, 5, 10, 11, 40):
+        monkeypatch.setattr(semiglobal, "MEAN_FIELD_SWEEPS", sweeps)
+        found.append(objective.mean_field())
+        assert found[-1].sum(axis=1) == pytest.approx(1, abs=1e-5)
+    energy = np.array([free_energy(objective, q) for q in found])
+    assert (np.diff(energy) < 1e-3).all() and energy[0] - energy[4] > 10
+    ten, eleven, forty = found[-3:]
+    assert np.abs(ten - eleven).max(axis=1).mean() < 0.002
+    assert (ten.argmax(axis=1) == forty.argmax(axis=1)).mean() > 0.98
+
+
 def test_refining_an_answer_again_never_makes_it_worse():
     """The mean-field labelling, tried on the way, is dropped where it is no better."""
     for seed in range(4):

@@ -31,7 +31,7 @@ def import_(args):
             rows=args.rows, columns=args.columns, range_um=args.range,
         )  # fmt: skip
     write_cube(cube, args.out)
-    text = f"{note}\n{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels."
+    text = f"{note}\n{_size(args.out, cube)}"
     return text, {
         "command": "import", "cube": args.out, "note": note, "bands": cube.bands,
         "size": cube.shape, "wavelength_um": cube.wavelength_um, "netd_k": cube.netd_k,
@@ -72,16 +72,18 @@ def simulate(args):
         truth.save(truth_part)
         # never a truth beside another scene's cube, where only one of the two can be replaced
         Path(os.path.realpath(beside)).unlink(missing_ok=True)
-    text = (
-        f"{args.out}: {cube.bands} bands, {cube.shape[0]} x {cube.shape[1]} pixels.\n"
-        f"{beside}: its truth."
-    )
+    text = f"{_size(args.out, cube)}\n{beside}: its truth."
     result = {
         "command": "simulate", "scene": args.scene, "cube": args.out, "truth": beside,
         "bands": cube.bands, "size": cube.shape, "spp": args.spp, "netd_k": cube.netd_k,
         "seed": args.seed,
     }  # fmt: skip
     return text, result
+
+
+def _size(path, cube):
+    bands, (height, width) = cube.bands, cube.shape
+    return f"{path}: {bands} band{'s' * (bands > 1)}, {height} x {width} pixels."
 
 
 def chosen_library(args):

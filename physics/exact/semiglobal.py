@@ -24,10 +24,12 @@ T and V   At the present T the edge cost is majorised by a quadratic (half-quadr
           it. E is below its majoriser, so it cannot rise.
 m         A pixel may change to any material with that material's own local optimum,
           where J is known; it does so where E falls (iterated conditional modes, on the
-          two colours of a chess board in turn). Before that, whole labellings from a
-          mean-field approximation are tried, and taken if E falls.
+          two colours of a chess board in turn). Before that, a whole labelling from a
+          mean-field approximation, found likewise, is tried, and taken if E falls.
 
-It stops when a round lowers E by less than 1e-4 of a nat per pixel, or after 12 rounds.
+Which colour comes first goes by the upper left corner: of a picture that is mirrored, a few pixels
+in a thousand may get another material. It stops when a round lowers E by less than 1e-4 of a nat
+per pixel, or after 12 rounds.
 """
 
 from dataclasses import dataclass
