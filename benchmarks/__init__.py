@@ -5,6 +5,7 @@ chart        accuracy against time, beside classical methods
 speed        seconds and memory, beside what others use
 stability    where methods fail, and whether they say so; atlas draws and writes it up
 sigma        whether another sigma of T could hold what it should
+netd         how well the noise is found where it is not stated
 automatic_k  k by evidence against the best fixed k
 band_design  designed filters against equidistant ones
 library_from_cube  a library made from the cube alone against the exact one

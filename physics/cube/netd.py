@@ -12,10 +12,8 @@ median of these, but for the few pixels that differ in that half far more than m
 are defective, and would make up all of it. One band predicts nothing: there noise is the second
 differences down the rows, where they are least.
 
-On 23 path-traced scenes outside the test sets, of 72 x 96 pixels and noise of 0.02 to 1 K, that was
-0.99 to 1.16 times the noise from 8 bands on; on five of them with 0.02 to 0.5 K it was 1.0 to 2.3
-times with four bands, 1.0 to 3.5 with two and 1.2 to 16 with one: what varies from pixel to pixel
-in all bands alike looks like noise.
+What varies from pixel to pixel in all bands alike looks like noise: with few bands and a quiet
+camera it comes out too large (`benchmarks.netd`).
 """
 
 import numpy as np
