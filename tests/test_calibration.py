@@ -323,7 +323,7 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
     cube = HeatCube(s, w, None, 0.05)
     environment = Environment(planck(w, np.array([[280.0]])), w, sky=(0,) if sky else ())
 
-    def look(surroundings, part, seen, alike):
+    def look(surroundings, part, seen):
         assert (surroundings.radiance > 0).all()
         brighter = part.radiance[-1, 0, 0] - surroundings.radiance[0, -1]
         gain = (cube.radiance[-1, 0, 0] - environment.radiance[0, -1]) / brighter
@@ -338,7 +338,7 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
             "texture": part.radiance,
         }  # fmt: skip
 
-    return calibration(cube, environment, look, LIBRARY)
+    return calibration(cube, environment, lambda: look, LIBRARY)
 
 
 def as_stated(c):

@@ -50,11 +50,11 @@ class Circumstances(NamedTuple):
 
 @no_blas_threads()
 def circumstances(
-    cube, library, look, *, k=None, environment=None, seed=0, lap=None, progress=None
+    cube, library, looks, *, k=None, environment=None, seed=0, lap=None, progress=None
 ):  # fmt: skip
     """The Circumstances of a HeatCube for a MaterialLibrary.
 
-    look         methods.Look
+    looks        as a `methods.Method` has it
     k, environment, seed  as `pipeline.decompose` takes them, the environment at the cube's bands
     progress     called as progress(done, total, what) where numba compiles what counts the objects
     lap          lap(stage) is called after each stage
@@ -69,7 +69,7 @@ def circumstances(
     beyond = saturated(ready.cube)
     lap("bands")
     cold, is_hot, _ = split_hot(ready.cube)
-    how = dict(look=look, library=library, left_out=ready.cube.dead | beyond | is_hot)
+    how = dict(looks=looks, library=library, left_out=ready.cube.dead | beyond | is_hot)
     if environment is None:
         found = _with_estimated(ready.cube, cold, k, seed, how, lap, progress)
     else:
@@ -132,7 +132,7 @@ def _with_estimated(cube, cold, k, seed, how, lap, progress):
         found = calibration(cold, environment, **how, in_view=False)
     if found.air:
         through = estimate(corrected(cube, found), objects, assumed)
-        metres = distances(cold, through, how["look"], len(library), found)
+        metres = distances(cold, through, how["looks"](), len(library), found)
     if found != RIGHT:
         cube = corrected(cube, found, metres)
         environment = estimate(cube, objects, assumed)

@@ -5,6 +5,7 @@ local, sgd     exact local solution of every pixel and material -> semi-global r
                distilled texture, with how sure each part is (`solver`)
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -21,10 +22,10 @@ WEIGHTS, ONNX = "texnet.safetensors", "texnet.onnx"  # in texnet/data: the netwo
 
 class Look(Protocol):
     """Maps by name, as `model.TeX` has them, of the pixels of a HeatCube in an Environment, by
-    those of the library's materials that may be seen, ascending indices. The log evidence of looks
-    that were given the same dict alike can be compared; of all others it cannot."""
+    those of the library's materials that may be seen, ascending indices. The log evidence of all
+    that one Look answers can be compared, not that of two."""
 
-    def __call__(self, environment, cube, seen, alike=None): ...
+    def __call__(self, environment, cube, seen): ...
 
 
 class Run(Protocol):
@@ -35,10 +36,10 @@ class Run(Protocol):
 
 
 class Method(NamedTuple):
-    """look, by net+sgd or local, is what circumstances and a glance are found by; expects, whether
-    run makes use of what is expected."""
+    """looks() is a new Look, by net+sgd or local, by which circumstances and a glance are found;
+    expects, whether run makes use of what is expected."""
 
-    look: Look
+    looks: Callable[[], Look]
     run: Run
     expects: bool
 
@@ -47,21 +48,29 @@ def by_network(library, model, refined=True, progress=None):
     """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
     progress(done, total)."""
 
-    def answer(model, progress, environment, cube, seen, expected, regions, alike):
-        known = only(known_arrays(cube, library, environment), seen)
-        if alike is not None:
-            known["basis"] = alike.setdefault("basis", known["basis"])
-        maps = model(cube.radiance, known, progress, expected, regions)
+    def known_of(environment, cube, seen):
+        return only(known_arrays(cube, library, environment), seen)
+
+    def answer(known, cube, model, *how):
+        maps = model(cube.radiance, known, *how)
         return maps | {"temperature_sigma_k": _cut_off(maps, known["prior_k"], cube)}
 
-    def look(environment, cube, seen, alike=None):
-        return answer(model, None, environment, cube, seen, None, None, alike)
+    def looks():
+        basis = None  # of the first, for all: by another one the evidence is of other numbers
+
+        def look(environment, cube, seen):
+            nonlocal basis
+            known = known_of(environment, cube, seen)
+            known["basis"] = basis = known["basis"] if basis is None else basis
+            return answer(known, cube, model)
+
+        return look
 
     def run(environment, cube, seen, expected=None, regions=None):
         of = model if refined else partial(model, refined=False)
-        return answer(of, progress, environment, cube, seen, expected, regions, None)
+        return answer(known_of(environment, cube, seen), cube, of, progress, expected, regions)
 
-    return Method(look, run, expects=True)
+    return Method(looks, run, expects=True)
 
 
 def by_solver(library, smooth, report, lap):
@@ -72,7 +81,7 @@ def by_solver(library, smooth, report, lap):
     def there(seen):
         return library.subset([library.names[i] for i in seen])
 
-    def look(environment, cube, seen, alike=None):
+    def look(environment, cube, seen):
         return solve_each(cube, there(seen), environment)
 
     def run(environment, cube, seen, expected=None, regions=None):
@@ -82,7 +91,7 @@ def by_solver(library, smooth, report, lap):
         lap("local")
         return maps
 
-    return Method(look, run, expects=False)
+    return Method(lambda: look, run, expects=False)
 
 
 def _cut_off(maps, prior_k, cube):

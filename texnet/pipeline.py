@@ -189,19 +189,20 @@ def decompose(
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model()
-        look, run, expects = by_network(library, model, method == "net+sgd", report("network"))
+        looks, run, expects = by_network(library, model, method == "net+sgd", report("network"))
     else:
-        look, run, expects = by_solver(library, method == "sgd", report, lap)
+        looks, run, expects = by_solver(library, method == "sgd", report, lap)
     lap("loading")
     with compiling(progress if method not in NETS else None):  # which loads numba
         of = circumstances(
-            cube, library, look,
+            cube, library, looks,
             k=k, environment=environment, seed=seed, lap=lap, progress=progress,
         )  # fmt: skip
         cold, is_hot, hot_radiance = split_hot(of.cube)
         maps = glance.answer(
-            partial(run, of.environment), partial(look, of.environment), cold, len(library), expects
-        )
+            partial(run, of.environment), partial(looks(), of.environment), cold, len(library),
+            expects,
+        )  # fmt: skip
     if method in NETS:
         lap("network")
     if is_hot.any():

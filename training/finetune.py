@@ -109,8 +109,8 @@ def finetune(
 def calibrated(cube, library, network, device="cpu"):
     """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet with
     USUAL_OBJECTS, and whether that assumes a sky. Raises InputError as that does."""
-    look = by_network(library, torch_model(network, device=device)).look
-    of = circumstances(cube, library, look, k=min(USUAL_OBJECTS, cube.measured_count))
+    looks = by_network(library, torch_model(network, device=device)).looks
+    of = circumstances(cube, library, looks, k=min(USUAL_OBJECTS, cube.measured_count))
     return of.cube, of.sky_assumed
 
 

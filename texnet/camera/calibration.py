@@ -28,6 +28,7 @@ libraries whose curves are 1 to 5 % wrong or that lack a common material, little
 wavelengths off by a tenth of a band.
 """
 
+from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -71,11 +72,11 @@ ERRORS_K, ERROR_WORTH = (3.0, 10.0, 30.0), 0.15
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
 
-def calibration(cube, environment, look, library, left_out=None, in_view=True):
+def calibration(cube, environment, looks, library, left_out=None, in_view=True):
     """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
     RIGHT if nothing is wrong, or too little is there to say so.
 
-    look      methods.Look
+    looks     as a `methods.Method` has it
     library   MaterialLibrary of what may be seen
     left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
     in_view   whether the environment's sky, if it has one, is in view, not assumed
@@ -84,9 +85,9 @@ def calibration(cube, environment, look, library, left_out=None, in_view=True):
     if part is None:
         return RIGHT
     sky = in_view and environment.sky_mean is not None
-    scene = _Scene(part, environment, library, look)
+    scene = _Scene(part, environment, library, looks)
     just = _just(cube)
-    nats_of = cache(partial(scene.nats, alike={}))
+    nats_of = cache(partial(scene.nats, looks()))
     found, misfit = RIGHT, scene.left(RIGHT)
     noise = _with_noise(RIGHT, misfit, cube).noise  # that it takes if nothing else is wrong
     tried = {RIGHT}
@@ -157,7 +158,7 @@ def _with_noise(found, misfit, cube):
     return found._replace(noise=noise, misfit=misfit, shared=shared) if noise > 1 else found
 
 
-def sky_is_likelier(cube, environment, found, under_sky, look, library, left_out=None):
+def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_out=None):
     """Whether the pixels of a HeatCube without sky in view are likelier by SKY_WORTH in an
     Environment with a sky that is assumed than in the one without, in which the camera was found
     to be of a Calibration; other arguments as of `calibration`.
@@ -168,18 +169,18 @@ def sky_is_likelier(cube, environment, found, under_sky, look, library, left_out
     part = _sample(cube, left_out)
     if part is None:
         return False
-    alike, found = {}, found._replace(noise=1.0, misfit=1.0, shared=0.0)
+    look, found = looks(), found._replace(noise=1.0, misfit=1.0, shared=0.0)
     seen = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
     if len(seen) < LEAST_MATERIALS:
         return False
     without, under = losses({
-        of: _Scene(part, of, library, look, seen).nats(c, alike)
+        of: _Scene(part, of, library, looks, seen).nats(look, c)
         for of, c in ((environment, found), (under_sky, RIGHT))
     }).values()  # fmt: skip
     return bool(without - under >= SKY_WORTH)
 
 
-def error_of_given(cube, environment, look, library, left_out=None):
+def error_of_given(cube, environment, looks, library, left_out=None):
     """Of an Environment that was taken elsewhere or at another time than a HeatCube: the
     Calibration, of the noise alone, and K by which the Environment is likely off, 0 if it is not.
     Arguments as of `calibration`.
@@ -190,36 +191,37 @@ def error_of_given(cube, environment, look, library, left_out=None):
     part = _sample(cube, left_out)
     if part is None:
         return RIGHT, 0.0
-    of = {k: _Scene(part, environment.off_by(k), library, look) for k in (0.0, *ERRORS_K)}
-    alike, noisy = {}, _with_noise(RIGHT, of[0.0].left(RIGHT), cube)
-    all_nats = {k: scene.nats(RIGHT, alike) for k, scene in of.items()}
+    of = {k: _Scene(part, environment.off_by(k), library, looks) for k in (0.0, *ERRORS_K)}
+    look, noisy = looks(), _with_noise(RIGHT, of[0.0].left(RIGHT), cube)
+    all_nats = {k: scene.nats(look, RIGHT) for k, scene in of.items()}
     loss = losses(all_nats)
     likeliest = min(loss, key=loss.get)
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return noisy, 0.0
-    loss = losses(all_nats | {c: of[0.0].nats(c, alike) for c in first_look()})
+    loss = losses(all_nats | {c: of[0.0].nats(look, c) for c in first_look()})
     return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
 
 class _Scene(NamedTuple):
-    """Some pixels of a cube, what surrounds them, and look, which explains them by a library, or
-    by those of its materials that may be seen, as indices."""
+    """Some pixels of a cube, what surrounds them, and looks, which explain them by a library, or by
+    those of its materials that may be seen, as indices."""
 
     part: HeatCube
     environment: Environment
     library: MaterialLibrary
-    look: Look
+    looks: Callable[[], Look]
     seen: np.ndarray | None = None
 
-    def maps(self, environment, part, alike=None):
+    def maps(self, environment, part, look=None):
+        """Maps of pixels by a Look, one of their own if None."""
         seen = np.arange(len(self.library)) if self.seen is None else self.seen
-        return self.look(environment, part, seen, alike)
+        return (look or self.looks())(environment, part, seen)
 
-    def nats(self, c, alike):
+    def nats(self, look, c):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
         try:
             surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
-            nats = -self.maps(surroundings, part, alike)["log_evidence"].ravel().astype(np.float64)
+            nats = -self.maps(surroundings, part, look)["log_evidence"].ravel().astype(np.float64)
         except Implausible:  # nothing looks like that
             return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)

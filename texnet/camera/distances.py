@@ -38,13 +38,13 @@ def distances(cube, environment, look, materials, found):
     found        Calibration with the Air of the whole picture
     """
     step = max(PATCH, math.ceil(math.sqrt(cube.radiance[0].size / PATCHES)))
-    afar, alike, every = from_afar(cube, step), {}, np.arange(materials)
+    afar, every = from_afar(cube, step), np.arange(materials)
     nats = np.full((len(OCTAVES), *afar.shape), np.inf)
     for i, metres in enumerate(found.air.metres * 2**OCTAVES):
         air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
         with suppress(Implausible):  # nothing looks like that
             there = corrected(afar, found._replace(air=air))
-            nats[i] = -look(environment, there, every, alike)["log_evidence"]
+            nats[i] = -look(environment, there, every)["log_evidence"]
     octaves = _likeliest(nats)
     nearer = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
     return np.float32(found.air.metres) * 2**nearer
