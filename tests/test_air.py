@@ -60,7 +60,7 @@ def test_behind_air_that_hides_all_nothing_is_likely():
     environment = estimate_environment(cube, LIBRARY, 5)
     never = lambda *_: pytest.fail("there is nothing to look at")
     with np.errstate(divide="ignore", invalid="ignore"):
-        nats = _Scene(cube, environment, LIBRARY, never).nats(Calibration(air=hidden), {})
+        nats = _Scene(cube, environment, LIBRARY, None).nats(never, Calibration(air=hidden))
     assert nats.shape == cube.radiance[0].ravel().shape and (nats == np.inf).all()
 
 
@@ -71,7 +71,7 @@ def test_what_is_wrong_with_the_machine_is_no_unlikely_air():
         raise InputError("no room")
 
     with pytest.raises(InputError, match="no room"):
-        _Scene(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, full).nats(RIGHT, {})
+        _Scene(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, None).nats(full, RIGHT)
 
 
 @given(metres, metres, kelvins)
