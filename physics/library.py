@@ -20,6 +20,7 @@ import numpy as np
 
 from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
+from .machinery.json_file import read_json
 from .machinery.read_only import ReadOnly
 from .machinery.whole_file import whole_file
 
@@ -171,17 +172,8 @@ class MaterialLibrary(ReadOnly):
     @staticmethod
     def load(path):
         """Read a library file (JSON, see the module); InputError says what is wrong."""
-        try:
-            with open(path, encoding="utf-8-sig") as f:
-                data = json.load(f)
-        except OSError as e:
-            raise InputError(f"library: cannot read {path}: {e.strerror}.") from e
-        except (ValueError, RecursionError) as e:
-            raise InputError(
-                f"library: {path} is not a JSON library file ({e}); texnet library import turns "
-                "a .csv, .txt or .mat library into one."
-            ) from e
-        return MaterialLibrary._from_json(data, path)
+        instead = "; texnet library import turns a .csv, .txt or .mat library into one"
+        return MaterialLibrary._from_json(read_json(path, "library", instead), path)
 
     @staticmethod
     def _from_json(data, path):

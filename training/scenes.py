@@ -48,7 +48,8 @@ SOURCES = (
     *(_PHYSICS / name for name in (
         "simulator", "bands.py", "errors.py", "library.py", "planck.py", "sky.py", "truth.py",
         "cube/dead_pixels.py", "cube/heat_cube.py", "cube/netd.py", "cube/saturation.py",
-        "machinery/array_file.py", "machinery/compiled.py", "machinery/whole_file.py",
+        "machinery/array_file.py", "machinery/compiled.py", "machinery/json_file.py",
+        "machinery/read_only.py", "machinery/whole_file.py",
         "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),

@@ -1,6 +1,7 @@
 """How large things are held and worked on. The map:
 
 whole_file  a file is written whole or not at all
+json_file   JSON that people write
 array_file  named arrays in one file
 provenance  what made a result that is kept on disk
 scratch     large arrays in files without a name

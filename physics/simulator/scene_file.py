@@ -3,7 +3,6 @@
 docs/files.md describes all its keys.
 """
 
-import json
 import reprlib
 import sys
 from dataclasses import fields, replace
@@ -14,6 +13,7 @@ import numpy as np
 import trimesh
 
 from ..errors import InputError
+from ..machinery.json_file import read_json
 from ..sky import Atmosphere
 from .geometry import value_noise
 from .scene import Camera, Scene, SceneObject
@@ -45,12 +45,7 @@ SHAPES = {
 def load_scene(path):
     """Read a scene file (see the module) -> Scene; InputError says what is wrong."""
     path = Path(path)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as e:
-        raise InputError(f"scene: cannot read {path}: {e.strerror}.") from e
-    except (ValueError, RecursionError) as e:
-        raise InputError(f"scene: {path} is not a JSON file ({e}).") from e
+    data = read_json(path, "scene")
     _keys(data, "the file", ("camera", "objects"), ("atmosphere", "sun_direction", "name"))
     camera = data["camera"]
     _keys(camera, "camera", ("position", "target"), ("fov_deg",))

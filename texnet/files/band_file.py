@@ -6,21 +6,18 @@ import numpy as np
 
 from physics.cube.heat_cube import numbers
 from physics.errors import InputError
+from physics.machinery.json_file import read_json
 from physics.machinery.whole_file import whole_file
 
 
 def read_bands(path):
     """Centres and widths, each (bands,) um; InputError says what is wrong with the file."""
+    wanted = "must be JSON with lists wavelength_um and fwhm_um, in um"
+    data = read_json(path, "bands", f"; it {wanted}")
     try:
-        with open(path, encoding="utf-8-sig") as f:
-            data = json.load(f)
         columns = {key: data[key] for key in ("wavelength_um", "fwhm_um")}
-    except OSError as e:
-        raise InputError(f"bands: cannot read {path}: {e.strerror}.") from e
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as e:
-        raise InputError(
-            f"bands: {path} must be JSON with lists wavelength_um and fwhm_um, in um."
-        ) from e
+    except (KeyError, TypeError) as e:
+        raise InputError(f"bands: {path} {wanted}.") from e
     return tuple(
         numbers(column, f"bands: {path}: {key}").astype(np.float64)
         for key, column in columns.items()
