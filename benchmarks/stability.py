@@ -561,7 +561,7 @@ def measure(out, axes=None, progress=None):
     model = Runtime(ONNX).run
     out.mkdir(parents=True, exist_ok=True)
     library, made = MaterialLibrary.starter(), settings()
-    rows = _read(out / "stability.csv", made)
+    rows = read(out / "stability.csv", made)
     known = {(r["axis"], r["level"], r["scene"]) for r in rows}
     jobs = [
         (axis, level, view) for axis in axes for view in AXES[axis].views
@@ -574,7 +574,7 @@ def measure(out, axes=None, progress=None):
         if progress:
             progress(done, len(jobs), axis)
     draw(rows, AXES, out / "atlas.png")
-    doubt = _read(out / "missing.csv", made)
+    doubt = read(out / "missing.csv", made)
     if "material missing" in axes:
         known = list(dict.fromkeys(r["scene"] for r in doubt))
         for scene, traced in test_scenes(RANDOM_SCENES, (), known):
@@ -588,6 +588,6 @@ def measure(out, axes=None, progress=None):
     return rows, doubt, list(faults(rows))
 
 
-def _read(table, made):
+def read(table, made):
     """The rows of a table that were made with these settings."""
     return [{name: _value(text) for name, text in row.items()} for row in read_csv(table, made)]

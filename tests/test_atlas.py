@@ -1,9 +1,14 @@
 """The atlas says in figures what its rows hold, and finds their faults."""
 
+import csv
+from pathlib import Path
+
 import numpy as np
 
+from benchmarks import stability
 from benchmarks.atlas import draw, faults, page
-from benchmarks.stability import COLUMNS, METHODS, Axis
+from benchmarks.rows import SETTINGS
+from benchmarks.stability import COLUMNS, METHODS, Axis, read
 
 AXES = {"noise": Axis("NETD (K)", (0.1, 1), None), "not measured": Axis("what", (0,), None)}
 
@@ -49,3 +54,15 @@ def test_a_part_of_the_axes_can_be_shown(tmp_path):
     assert "lacks" not in text and "| 0.1 |" in text
     draw(rows, AXES, tmp_path / "atlas.png")
     assert (tmp_path / "atlas.png").stat().st_size > 1000
+
+
+def test_the_page_in_docs_is_of_the_tables_beside_it_and_these_of_one_code(tmp_path):
+    docs = Path(__file__).parents[1] / "docs"
+    tables = []
+    for name in ("stability.csv", "missing.csv"):
+        with open(docs / name, newline="", encoding="utf-8") as file:
+            tables.append(list(csv.DictReader(file)))
+    (made,) = {row[SETTINGS] for table in tables for row in table}
+    rows, missing = (read(docs / name, made) for name in ("stability.csv", "missing.csv"))
+    page(rows, stability.AXES, missing, tmp_path / "atlas.md")
+    assert (tmp_path / "atlas.md").read_text("utf-8") == (docs / "atlas.md").read_text("utf-8")

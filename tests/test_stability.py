@@ -170,6 +170,6 @@ def test_rows_of_other_code_do_not_count(tmp_path, monkeypatch):
     table = tmp_path / "stability.csv"
     kept = [{"axis": "x", "level": 0.5, "scene": "s"}]
     rows.write_csv(table, kept)
-    assert stability._read(table, rows.settings()) == kept
+    assert stability.read(table, rows.settings()) == kept
     monkeypatch.setattr(rows, "CODE", [])
-    assert stability._read(table, rows.settings()) == []
+    assert stability.read(table, rows.settings()) == []
