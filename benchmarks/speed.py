@@ -45,6 +45,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
+from benchmarks.accuracy import NETD_K
 from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from export.runtime import Runtime
@@ -63,7 +64,7 @@ from texnet.learned import torch_model
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
 
-FRAME, BANDS, K, NETD_K = (1080, 1920), 54, 4, 0.05
+FRAME, BANDS, K = (1080, 1920), 54, 4
 OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V
 THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 PIECE = 2  # times as large, on each side, is the frame as what was traced for it

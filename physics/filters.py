@@ -34,7 +34,7 @@ resolution of TOLERANCE_K is ln(1 + sigma_T^2 / TOLERANCE_K^2) / 2, and the figu
     loss = mean over scenes of H + mean over m of ln(1 + sigma_T^2 / TOLERANCE_K^2) / 2.
 
 An added filter is a step of recursive least squares, which raises every d^2 and lowers every
-sigma_T: more filters are never worse.
+sigma_T: more filters are never worse, as long as one more of that width has a place.
 
 Search. The best design of one filter less and one filter more, and N filters side by side, are
 both improved by exchanges, a filter to another place or all filters to another width, until no
@@ -108,7 +108,7 @@ def draw_scenes():
 
 
 def design_filters(library, n, scenes=None, progress=None):
-    """The n filters of least expected loss, all of one width of WIDTHS_UM or less -> Filters.
+    """The n filters of least expected loss, all of one width up to 2 um -> Filters.
 
     library   MaterialLibrary; its sky is left out
     scenes    Scenes; those of draw_scenes() if None

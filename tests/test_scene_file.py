@@ -130,7 +130,7 @@ def test_temperature_fields(write):
         (with_object(temperature_k={"mean_k": 290, "scale_m": 0}), "scale_m must be positive"),
         (with_object(temperature_k={"variation_k": 1}), "lacks 'mean_k'"),
         (with_object(temperature_k=-3), "1-2000"),
-        (with_object(temperature_k=17), "as low as 17; give K, not degrees Celsius"),
+        (with_object(temperature_k=99), "as low as 99; give K, not degrees Celsius"),
         (with_object(temperature_k=10**400), "must be a number, got 1000"),
         (with_object(material="sky"), "made of sky"),
     ],
@@ -159,7 +159,7 @@ def test_however_an_obj_is_written_it_is_the_same_mesh(write, tmp_path):
     quads = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf {}\nv 0 0 5\nv 1 0 5\nv 0 1 5\nf {}\n"
     plain = quads.format("1 2 3 4", "5 6 7")
     back = quads.format("-4 -3 -2 -1", "-3 -2 -1")  # from where the face stands
-    comments = plain.replace("\n", " # x\n")
+    comments = plain.replace("\n", " # x\\\n")
     texts = plain, back, comments, "\ufeff" + plain, plain.replace(" ", "\t")
     meshes = []
     for text in texts:
@@ -170,7 +170,7 @@ def test_however_an_obj_is_written_it_is_the_same_mesh(write, tmp_path):
         np.testing.assert_array_equal(m.triangles, meshes[0].triangles)
 
 
-@pytest.mark.parametrize("face", ["0 1 2", "1 2 9", "1 2", "-4 1 2", "1 2 x"])
+@pytest.mark.parametrize("face", ["0 1 2", "1 2 9", "1 2", "-4 1 2", "1 2 x", "", "1 2 3\nv 1 2"])
 def test_an_obj_of_vertices_that_are_not_there_is_refused(write, tmp_path, face):
     (tmp_path / "q.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf {face}\n")
     with pytest.raises(InputError, match="cannot read .*q.obj as a mesh"):
@@ -193,6 +193,41 @@ def test_a_file_s_sharp_edges_stay_sharp_and_what_is_round_is_round(write, tmp_p
     (ball,) = load_scene(write(with_object(mesh=f"ball.{suffix}"))).objects
     outwards = (ball.mesh.vertices - [1, 2, 3]) / 2
     np.testing.assert_allclose(normals(ball.mesh), outwards, atol=0.02)
+
+
+@pytest.mark.parametrize(("sides", "sharp"), [(8, True), (12, False)])
+def test_edges_of_more_than_forty_degrees_are_sharp(write, tmp_path, sides, sharp):
+    trimesh.creation.cylinder(1, 2, sections=sides).export(tmp_path / "prism.ply")
+    m = load_scene(write(with_object(mesh="prism.ply"))).objects[0].mesh
+    side = np.abs(m.face_normals[:, 2]) < 0.1
+    flat = (normals(m)[m.faces[side]] * m.face_normals[side][:, None]).sum(axis=2) > 0.9999
+    assert flat.all() == sharp and flat.any() == sharp
+
+
+def test_a_ridge_that_fades_is_sharp_while_it_lasts(write, tmp_path):
+    x, y = np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21), indexing="ij")
+    z = 2 * np.maximum(0, 0.4 - np.abs(x)) * np.clip(y + 0.5, 0, 1)
+    i, j = (a.ravel() for a in np.meshgrid(range(20), range(20), indexing="ij"))
+    a = 21 * i + j
+    faces = np.concatenate([np.stack([a, a + 21, a + 22], 1), np.stack([a, a + 22, a + 1], 1)])
+    v = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    trimesh.Trimesh(v, faces, process=False).export(tmp_path / "ridge.ply")
+    m = load_scene(write(with_object(mesh="ridge.ply"))).objects[0].mesh
+    off = np.degrees(np.arccos(np.clip(
+        (normals(m)[m.faces] * m.face_normals[:, None]).sum(axis=2), -1, 1
+    )))  # fmt: skip
+    assert len(m.vertices) > len(v) and off.max() < 40
+
+
+def test_a_mesh_of_many_parts_stays_as_it_is(write, tmp_path):
+    """Of parts times vertices more than 32 bits count."""
+    box, n = trimesh.creation.box(), 7000
+    v = 0.1 * (box.vertices + 2 * np.arange(n)[:, None, None] * [1, 0, 0]).reshape(-1, 3)
+    f = (box.faces + 8 * np.arange(n)[:, None, None]).reshape(-1, 3)
+    trimesh.Trimesh(v, f, process=False).export(tmp_path / "many.ply")
+    wanted = load_scene(write(with_object(mesh="many.ply", smooth=False))).objects[0].mesh
+    m = load_scene(write(with_object(mesh="many.ply"))).objects[0].mesh
+    np.testing.assert_allclose(m.triangles, wanted.triangles, atol=1e-5)
 
 
 def test_vertices_of_a_sharp_edge_keep_their_temperatures(write, tmp_path):

@@ -112,6 +112,9 @@ def test_stretch():
     mask = a < 51
     np.testing.assert_allclose(stretch(a, mask, 0, 100), np.clip(a / 50, 0, 1))
     assert (stretch(np.ones(5)) == 0.5).all()
+    rounded = np.full(1000, 280.0, np.float32)
+    rounded[7] = np.nextafter(rounded[7], np.float32(np.inf))
+    assert (stretch(rounded) == 0.5).all()
     lit = np.zeros(1000)
     lit[3] = 2.0  # all else is the same
     np.testing.assert_array_equal(stretch(lit), lit / 2)

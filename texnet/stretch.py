@@ -2,6 +2,8 @@
 
 import numpy as np
 
+ROUNDING = 1e-6  # of float32: no contrast
+
 
 def stretch(picture, mask=None, low=1.0, high=99.0):
     """Map (..., height, width) linearly so that its low and high percentiles become 0 and 1.
@@ -18,6 +20,6 @@ def stretch(picture, mask=None, low=1.0, high=99.0):
     a, b = np.percentile(seen, [low, high]) if seen.size else (0.0, 0.0)
     if not b > a and seen.size:
         a, b = seen.min(), seen.max()
-    if not b > a:
+    if not b - a > ROUNDING * max(abs(a), abs(b)):
         return np.full(picture.shape, 0.5)
     return np.clip((np.nan_to_num(picture, nan=a) - a) / (b - a), 0.0, 1.0)

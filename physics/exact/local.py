@@ -14,9 +14,9 @@ The answer is the material of least energy, with its T and V. `faces` solves eve
 as if V might be negative. Where none is, that is the answer; elsewhere it gives about a lower
 bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it. The others
 are put on the face of the simplex where their V is not negative; the few that do not get there are
-left to `simplex`. T starts at the brightness temperature of the middle band. Of what reflects more
-than it emits, J may have several minima: T also starts halfway to either end of its range, and each
-minimum that is found adds its share of the evidence to sigma.
+left to `simplex`. T starts at the brightness temperature of the middle band. Of what reflects a
+third and more, J may have several minima: T also starts halfway to either end of its range, and
+each minimum that is found adds its share of the evidence to sigma.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ BLOCK, BLOCK_BYTES = 1024, 1 << 25  # solved together: of fewer pixels, too few 
 PANEL = 4  # times LANES, pixels whose spectra stay in the cache through all hypotheses
 ROUNDS = 6  # of faces, for one hypothesis
 PULL = 1e-4  # nats that a V_j might lower J by, at most, and yet stay zero
-REFLECTS, HALFWAY = 0.5, (-0.5, 0.5)  # mean emissivity below which T starts there, too, in tau
+REFLECTS, HALFWAY = 0.7, (-0.5, 0.5)  # mean emissivity below which T starts there, too, in tau
 SAME = 0.1  # sigmas, between two minima that are one
 _DONE, _NONE = -2, -1  # in place of a face's number
 
@@ -53,7 +53,7 @@ class LocalSolution:
                    least it may be about a lower bound, with the T that V without bounds would
                    give, but never for the best of the materials that are not sky
     temperature_k  (P, L) float32, K; of the sky, the prior's
-    sigma_k        (P, L) float32, one standard deviation of T given m, K, over all minima of J
+    sigma_k        (P, L) float32, one standard deviation of T given m, K, over the minima found
     row            (P, L) int16, which hypothesis of the reduced model stands for m: the pure
                    pixel or the one at the sky's edge, whichever has more evidence
     lighting       (P, k) float32, V of the material of least energy

@@ -27,8 +27,9 @@ m         A pixel may change to any material with that material's own local opti
           two colours of a chess board in turn). Before that, a whole labelling from a
           mean-field approximation, found likewise, is tried, and taken if E falls.
 
-Which colour comes first goes by the upper left corner: of a picture that is mirrored, a few pixels
-in a thousand may get another material. It stops when a round lowers E by less than 1e-4 of a nat
+Which colour comes first goes by the upper left corner: where materials are hard to tell, mirroring
+the picture may change them and their probabilities (with five that are nearly alike, under noise of
+0.4 K, in up to a fifth of the pixels). It stops when a round lowers E by less than 1e-4 of a nat
 per pixel, or after 12 rounds.
 """
 

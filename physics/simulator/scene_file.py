@@ -3,6 +3,7 @@
 docs/files.md describes all its keys.
 """
 
+import re
 import reprlib
 import sys
 from dataclasses import fields, replace
@@ -154,14 +155,16 @@ def _mesh(data, label, folder):
 
 
 def _creased(built):
-    """A SceneObject with a vertex for each of the smooth parts that meet at an edge which is sharp,
-    or wound both ways."""
+    """A SceneObject whose triangles share a vertex only where edges that are not sharp lead from
+    one to the other around it."""
     m = built.mesh
-    alike = m.face_adjacency[m.face_adjacency_angles < np.radians(CREASE_DEG)]
-    part = trimesh.graph.connected_component_labels(alike, len(m.faces))
-    n = len(m.vertices)
-    corner, faces = np.unique(part[:, None] * n + m.faces, return_inverse=True)
-    vertex = corner % n
+    alike = m.face_adjacency_angles < np.radians(CREASE_DEG)
+    pairs, edges = m.face_adjacency[alike], m.face_adjacency_edges[alike]
+    corner = lambda f: 3 * f[:, None] + np.argmax(m.faces[f][:, None] == edges[..., None], axis=2)
+    same = np.stack([corner(pairs[:, 0]), corner(pairs[:, 1])], axis=-1).reshape(-1, 2)
+    part = trimesh.graph.connected_component_labels(same, m.faces.size)
+    _, first, faces = np.unique(part, return_index=True, return_inverse=True)
+    vertex = m.faces.ravel()[first]
     split = trimesh.Trimesh(m.vertices[vertex], faces.reshape(-1, 3), process=False)
     return replace(built, mesh=split, temperature_k=built.temperature_k[vertex])
 
@@ -180,17 +183,20 @@ def _read_mesh(file):
 def _read_obj(file):
     """Vertices and faces of an OBJ file, which trimesh would order and split by materials, groups
     and seams, and whose vertices that are counted back from it counts from the file's end."""
-    text = file.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
+    text = file.read_text(encoding="utf-8-sig", errors="replace")
+    text = re.sub(r"#.*", "", text).replace("\\\n", " ")
     vertices, faces = [], []
-    for number, line in enumerate(text.splitlines(), 1):
-        key, *words = line.partition("#")[0].split() or [""]
+    for line in text.splitlines():
+        key, *words = line.split() or [""]
         if key == "v":
+            if len(words) < 3:
+                raise ValueError(f"{line.strip()!r} is no vertex")
             vertices.append([float(word) for word in words[:3]])
         elif key == "f":
             corners = [int(word.partition("/")[0]) for word in words]
             corners = [i - 1 if i > 0 else len(vertices) + i if i < 0 else -1 for i in corners]
-            if min(corners) < 0 or len(corners) < 3:
-                raise ValueError(f"line {number} is no face: {line.strip()!r}")
+            if len(corners) < 3 or min(corners) < 0:
+                raise ValueError(f"{line.strip()!r} is no face")
             faces += [(corners[0], *pair) for pair in pairwise(corners[1:])]
     if faces and np.max(faces) >= len(vertices):
         raise ValueError(f"a face has vertex {np.max(faces) + 1} of {len(vertices)}")

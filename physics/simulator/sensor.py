@@ -73,8 +73,10 @@ def add_noise(clean, wavelength_um, netd_k, rng):
 
     Never below B(FLOOR_K): a calibrated camera reports no zero and no negative radiance.
     """
-    noisy = np.empty_like(clean)
-    for w, of, out in zip(wavelength_um, clean, noisy, strict=True):  # a whole cube takes memory
-        of = of + noise_sigma(w, netd_k) * rng.standard_normal(of.shape)
-        np.maximum(of, planck(w, FLOOR_K), out=out, casting="same_kind")
+    clean = np.asarray(clean)
+    noisy = np.empty(clean.shape, np.result_type(clean, np.float32))
+    # band by band: noise of a whole cube takes twice its memory
+    for w, band, out in zip(wavelength_um, clean, noisy, strict=True):
+        with_noise = band + noise_sigma(w, netd_k) * rng.standard_normal(band.shape)
+        np.maximum(with_noise, planck(w, FLOOR_K), out=out, casting="same_kind")
     return noisy

@@ -18,10 +18,10 @@ def read_bands(path):
         columns = {key: data[key] for key in ("wavelength_um", "fwhm_um")}
     except (KeyError, TypeError) as e:
         raise InputError(f"bands: {path} {wanted}.") from e
-    return tuple(
-        numbers(column, f"bands: {path}: {key}").astype(np.float64)
-        for key, column in columns.items()
-    )
+    columns = {key: numbers(of, f"bands: {path}: {key}") for key, of in columns.items()}
+    if not all(of.ndim == 1 and np.isfinite(of).all() for of in columns.values()):
+        raise InputError(f"bands: {path} {wanted}.")
+    return tuple(of.astype(np.float64) for of in columns.values())
 
 
 def write_bands(path, wavelength_um, fwhm_um):

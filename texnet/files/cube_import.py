@@ -67,8 +67,11 @@ def import_cube(
     wavenumbers_cm1 = _pair(wavenumbers_cm1, "wavenumbers_cm1")
     range_um = _pair(range_um, "range_um")
     for name, part in (("rows", rows), ("columns", columns)):
-        if not isinstance(part, slice | None):
-            raise InputError(f"cube: {name} must be a slice, as slice(0, 100), got {part!r}.")
+        try:
+            part is None or part.indices(1)
+        except (AttributeError, TypeError) as e:
+            said = f"cube: {name} must be a slice, as slice(0, 100), got {part!r}."
+            raise InputError(said) from e
     try:
         raw = _read(path, unit)
         if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
@@ -91,7 +94,7 @@ def _pair(values, name):
     if values is None:
         return None
     pair = numbers(values, f"cube: {name}")
-    if pair.shape != (2,):
+    if pair.shape != (2,) or not np.isfinite(pair).all():
         raise InputError(f"cube: {name} must be two numbers, got {values!r}.")
     return tuple(map(float, pair))
 
