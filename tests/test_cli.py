@@ -274,7 +274,7 @@ def test_bands_then_simulate(capfd, tmp_path):
     assert "must end in .json" in refused(capfd, "bands", "--n", 4, "--out", tmp_path / "six")
     for text in ("[1]", "{", '{"wavelength_um": [9]}', '{"wavelength_um": 9, "fwhm_um": "x"}'):
         file.write_text(text)
-        assert "fwhm_um" in refused(capfd, *simulate, file)
+        assert "wavelength_um and fwhm_um" in refused(capfd, *simulate, file)
     file.write_text('{"wavelength_um": [9, 10], "fwhm_um": [1]}')
     assert "one width" in refused(capfd, *simulate, file)
 

@@ -15,13 +15,12 @@ def read_bands(path):
     wanted = "must be JSON with lists wavelength_um and fwhm_um, in um"
     data = read_json(path, "bands", f"; it {wanted}")
     try:
-        columns = {key: data[key] for key in ("wavelength_um", "fwhm_um")}
-    except (KeyError, TypeError) as e:
+        columns = [numbers(data[key], key) for key in ("wavelength_um", "fwhm_um")]
+    except (KeyError, TypeError, InputError) as e:
         raise InputError(f"bands: {path} {wanted}.") from e
-    columns = {key: numbers(of, f"bands: {path}: {key}") for key, of in columns.items()}
-    if not all(of.ndim == 1 and np.isfinite(of).all() for of in columns.values()):
+    if not all(column.ndim == 1 and np.isfinite(column).all() for column in columns):
         raise InputError(f"bands: {path} {wanted}.")
-    return tuple(of.astype(np.float64) for of in columns.values())
+    return tuple(column.astype(np.float64) for column in columns)
 
 
 def write_bands(path, wavelength_um, fwhm_um):
