@@ -8,15 +8,15 @@
    picture's upper half (a car's bonnet mirrors the sky, but from below), all together well above
    the rest.
 2. The sky's objects. A camera sees the part of the sky near the horizon; a surface is lit
-   from overhead, through less air. The clearest visible sky is extrapolated to smaller air
-   masses (`overhead`): up to three objects (one for k = 2). Of the sky's pixels only those
+   from overhead, through less air. From the clearest sky in view follows what is seen through less
+   of its air (`overhead`): up to three objects (one for k = 2). Of the sky's pixels only those
    count whose neighbours are sky, too: leaves in a pixel fill the windows, as no air does.
    Where none is in view, one can be assumed all the same: that of usual air about as warm as the
    scene (`sky`), and how others deviate from it.
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
-   directions, and what far hotter pixels add (`cube.hot`); `skylight_spread`: how the extrapolated
-   skies change with the air temperature.
+   directions, and what far hotter pixels add (`cube.hot`); `skylight_spread`: how skies of
+   other air, which fit the sky in view as well, differ overhead.
 
 Spectra are whitened (divided by the noise) first. A subsample of pixels is enough, so
 the time does not grow with the cube; none of them is dead, far hotter than the rest (`cube.hot`)
@@ -38,7 +38,7 @@ from .cube.saturation import saturated
 from .environment import Environment
 from .errors import InputError
 from .machinery.blas import no_blas_threads
-from .overhead import least_ratio, overhead
+from .overhead import air_temperature, overhead
 from .planck import brightness_temperature, planck, planck_derivative
 from .sky import AIR_MASSES, MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
@@ -65,9 +65,9 @@ MISSING, MISSING_OF_FEW = 0.12, {1: 0.2, 2: 0.26}
 # reaches far down in a part of the columns alone is not told from that
 ABOVE = 0.2
 MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is mixed with leaves
-# the sky's objects, 0 being the clearest sky in view and 1 the clearest overhead, by the logarithm
-# of the air mass; for k = 1, 2, 3 or 4, 5 and more
-SKY_OBJECTS = ((), (0.3,), (0.6, 0.0), (0.6, 0.0), (1.0, 0.4, 0.0))
+# the sky's objects, 0 being the clearest sky in view and 1 the zenith, by the logarithm of the air
+# mass; for k = 1, 2, 3 or 4, 5 and more. Found on fifteen scenes of no split, with 9 and 54 bands
+SKY_OBJECTS = ((), (0.7,), (0.85, 0.2), (0.85, 0.2), (1.0, 0.4, 0.0))
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
 # of a sky that is assumed: its air over the scene, K, its vapour over the usual, and the cosine of
@@ -197,13 +197,10 @@ class Sample:
         visible = self.spectra[self.inner] * cube.sigma
         cold = self.spectra[self.inner].mean(axis=1)
         seen = visible[cold <= np.quantile(cold, 0.05)].mean(axis=0)
-        zenith = _transmittance(cube, self.library).mean(axis=1)
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
-        ratio = least_ratio(w, cube.fwhm_um, visible, seen, scene_k)
-        ratios = ratio ** np.array(SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)])
-        # where no band is opaque, none shows how warm the air is
-        least_k = scene_k if w[-1] < OPAQUE_UM else 0.0
-        skies = overhead(w, visible, cube.sigma, seen, ratios, zenith, least_k) / cube.sigma
+        air = air_temperature(w, cube.fwhm_um, visible, seen, scene_k)
+        shares = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]
+        skies = overhead(w, cube.fwhm_um, cube.sigma, seen, *air, shares) / cube.sigma
         mean = skies.mean(axis=0)
         return mean, (skies - mean).reshape(-1, cube.bands)
 

@@ -1,117 +1,134 @@
-"""The sky overhead, from the sky in view: the curve of growth that its own pixels show.
+"""The sky overhead, from the sky in view: through which air would it look as it does?
 
 A camera sees the part of the sky near the horizon; a surface is lit from overhead, through less
-air. In a band a clear sky along air mass a radiates about
+air. Of the clearest sky in view air temperature, vapour, ozone and air mass are found by
+Gauss-Newton steps on `physics.sky`, with what is usual as Gaussian priors: the amount of carbon
+dioxide is known, so its flanks tell the air mass, and the windows then how much vapour there is.
+What is left, the sky in view has in common with the sky overhead: a band's optical depth tau is
+taken to be so many times as much as the model's, at all air masses alike, as far as the spectrum
+tells tau (of an opaque band it does not). With that a sky at air mass a radiates
 
-    S = B(T_air) (1 - exp(-tau)),    tau = tau_1 a^b
+    S = B(T_air) (1 - exp(-tau(a))).
 
-b is 1 for a continuum; where spectral lines saturate it falls towards 1/2 (Goody and Yung,
-Atmospheric Radiation, 1989, ch. 4: the curve of growth), so the windows clear up overhead and the
-flanks do not. The visible sky spans a range of air masses; across its pixels log tau of a band goes
-with slope b against log tau of all bands (the clearest band having 1). With tau_1 a^b known for the
-clearest sky in view, a smaller air mass follows. Where T_air's doubt or the noise leaves b open,
-b is near what transmittance at the zenith suggests.
-
-How far it is from the sky in view to the zenith, the windows say: by how many times their optical
-depth is more than that of usual air overhead, which is as warm.
+How far it may be off comes as skies of other air that fits as well: the 2 n sigma points of the n
+unknowns, which have their means and covariance (Julier and Uhlmann 1997).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
 from .bands import band_means, quadrature
 from .planck import brightness_temperature, planck, planck_derivative
-from .sky import usual_atmosphere, zenith_optical_depth
+from .sky import AIR_MASSES, MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
 
-AIR_EXCESS_K = (0.5, 2.0, 5.0)  # of T_air over what most of the visible sky's opaque band shows
-OPAQUE_QUANTILE = 0.95  # that most
-AIR_DOUBT_K = 6.0  # of a band's own T_air: bands see air of different heights
-OPAQUE_GROWTH, GROWTH_DOUBT = 0.5, 0.15  # b of an opaque band, and how well b is known beforehand
-DARKEST, CLEAREST = 0.02, 0.999  # transmittances between which log tau can be told
-CLEAR_QUANTILE = 0.9  # of the bands' b: that of the windows, 1 by definition
-LEAST_GROWTH, MOST_GROWTH = 0.3, 1.05
-WINDOWS = 0.3  # of the bands, the clearest
-OVERHEAD = 0.6  # air masses of the clearest sky: less than 1, as the air may be drier than usual
-NEAREST, FARTHEST = 3.0, 20.0  # air masses of the sky in view; what seems nearer is drier air
+OPAQUE_QUANTILE = 0.95  # of the visible sky's pixels, by which the air's temperature is told
+# of T_air: where a band is opaque, relative to how much warmer than any band looks it is, and where
+# all that is known is the scene
+AIR_DOUBT_K, EXCESS_DOUBT, SCENE_DOUBT_K = 2.0, 0.5, 8.0
+MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT = 0.7, 0.7, 0.25  # of their logarithms
+USUAL_MASS = 8.0  # of the clearest sky in view
+GLOW_ERROR_K, DEPTH_ERROR = 0.5, 0.1  # of the model's B(T_air), and of its optical depth, relative
+STEPS, LONGEST = 8, 1.0  # of Gauss-Newton; in standard deviations of the priors
+DIFFERENCE = 1e-3  # likewise, for derivatives
+MOST_DEPTH = 20.0
 
 
-def overhead(wavelength_um, sky, noise, seen, ratios, zenith_transmittance, least_k=0.0):
-    """Skies (excess, ratios, bands) at air masses of ratios times that of a visible one.
+class _Air(NamedTuple):
+    """What is looked for: K, and natural logarithms of the air mass, of cm and of Dobson units."""
 
-    wavelength_um (bands,) um; sky (n, bands) spectra of the visible sky's pixels, noise (bands,)
-    their standard deviation and seen (bands,) the spectrum to start from, W m-2 sr-1 um-1;
-    zenith_transmittance (bands,) approximate; least_k K, below which the air is not. One sky per
-    AIR_EXCESS_K.
+    temperature_k: float
+    mass: float
+    water: float
+    ozone: float
+
+    def atmosphere(self):
+        return Atmosphere(
+            float(np.clip(self.temperature_k, 220, 330)),
+            float(min(np.exp(self.water), MOST_WATER_CM)), float(min(np.exp(self.ozone), 1000)),
+        )  # fmt: skip
+
+
+def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
+    """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely.
+
+    wavelength_um, fwhm_um  (bands,) um
+    noise, seen             (bands,) standard deviation and spectrum of the clearest sky in view
+    air_k, air_doubt_k      K of the air, and its standard deviation (`air_temperature`)
+    shares                  of the way to the zenith, by the logarithm of the air mass: 0 is the sky
+                            in view, 1 the zenith
     """
-    air_k = max(air_temperature(wavelength_um, sky, seen), least_k)
-    skies = []
-    for excess in AIR_EXCESS_K:
-        glow = planck(wavelength_um, air_k + excess)
-        b = growth(wavelength_um, sky, noise, air_k + excess, zenith_transmittance)
-        tau = -np.log1p(-seen / glow)
-        skies.append(glow * -np.expm1(-tau * np.array(ratios)[:, None] ** b))
-    return np.array(skies)
+    nodes = quadrature(wavelength_um, fwhm_um)
+    usual = usual_atmosphere(air_k)
+    mean = np.array(_Air(air_k, np.log(USUAL_MASS), np.log(usual.water_cm), np.log(usual.ozone_du)))
+    scale = np.array([air_doubt_k, MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT])
+
+    def model(x, shares=(0.0,)):
+        air = _Air(*(mean + scale * x))
+        return air.temperature_k, _skies(nodes, air, np.asarray(shares))
+
+    def deviation(x):
+        """Of the model from the sky in view, in standard deviations of either."""
+        of_air, (sky,) = model(x)
+        return (sky - seen) / _error(wavelength_um, seen, noise, of_air)
+
+    x, spread = _most_likely(deviation, len(mean))
+    points = x + len(mean) ** 0.5 * np.concatenate([spread.T, -spread.T])
+    return np.array([_through(wavelength_um, seen, *model(p, (0.0, *shares))) for p in points])
 
 
-def air_temperature(wavelength_um, sky, seen):
-    """K, of what most of the sky (n, bands), and seen (bands,), shows in its opaque bands."""
+def _skies(nodes, air, shares):
+    """(shares, bands) of the model."""
+    mass = np.clip(np.exp(air.mass * (1 - shares)), AIR_MASSES[0], AIR_MASSES[-1])
+    return band_means(lambda w: sky_along(w, mass, air.atmosphere()), nodes)
+
+
+def _error(wavelength_um, seen, noise, air_k):
+    glow = planck(wavelength_um, air_k)
+    clear = np.clip(1 - seen / glow, np.exp(-MOST_DEPTH), 1)
+    of_depth = DEPTH_ERROR * glow * clear * -np.log(clear)
+    of_glow = GLOW_ERROR_K * planck_derivative(wavelength_um, air_k)
+    return np.sqrt(noise**2 + of_depth**2 + of_glow**2)
+
+
+def _most_likely(deviation, n):
+    """x (n,) of the least |deviation|^2 + |x|^2, and the square root (n, n) of its covariance."""
+    x = np.zeros(n)
+    for _ in range(STEPS):
+        at = deviation(x)
+        slope = np.stack(
+            [(deviation(x + d) - at) / DIFFERENCE for d in DIFFERENCE * np.eye(n)], axis=1
+        )
+        precision = slope.T @ slope + np.eye(n)
+        step = -np.linalg.solve(precision, slope.T @ at + x)
+        x = x + step * min(1.0, LONGEST / np.linalg.norm(step))
+    return x, np.linalg.cholesky(np.linalg.inv(precision))
+
+
+def _through(wavelength_um, seen, air_k, skies):
+    """Skies (n, bands), from the model's own: at the air mass of seen, and at n others."""
+    air_k = max(air_k, brightness_temperature(wavelength_um, np.vstack([skies, seen])).max() + 0.1)
+    glow = planck(wavelength_um, air_k)
+    depth = lambda s: np.clip(-np.log1p(-s / glow), np.exp(-MOST_DEPTH), MOST_DEPTH)
+    tau, own = depth(seen), depth(skies)
+    # of log tau, for a glow that is off
+    doubt = GLOW_ERROR_K * planck_derivative(wavelength_um, air_k) / (glow - seen) / tau
+    more = np.log(tau / own[0]) / (1 + (doubt / DEPTH_ERROR) ** 2)
+    return glow * -np.expm1(-own[1:] * np.exp(more))
+
+
+def air_temperature(wavelength_um, fwhm_um, sky, seen, scene_k):
+    """K, of the air, and its standard deviation: of what most of the sky (n, bands), and seen
+    (bands,), show in the most opaque band, and as much more as usual air is warmer than it looks
+    there; and, where no band is opaque, of scene_k, what the scene looks like."""
     warmest = brightness_temperature(wavelength_um, sky).max(axis=1)
-    return max(
+    shown = max(
         np.quantile(warmest, OPAQUE_QUANTILE), brightness_temperature(wavelength_um, seen).max()
     )
-
-
-def least_ratio(wavelength_um, fwhm_um, sky, seen, scene_k):
-    """Of the clearest sky's air mass over that of the sky seen; arguments as of `overhead`.
-
-    scene_k is about as warm as the air, which shows in the sky only where that is opaque.
-    """
-    air_k = max(air_temperature(wavelength_um, sky, seen), scene_k)
-    nodes = quadrature(wavelength_um, fwhm_um)
-    air = usual_atmosphere(air_k)
-    zenith = -np.log(band_means(lambda w: np.exp(-zenith_optical_depth(w, air)), nodes))
-    tau = -np.log1p(-seen / planck(wavelength_um, air_k + AIR_EXCESS_K[1]))
-    clear = tau <= np.quantile(tau, WINDOWS)
-    return OVERHEAD / np.clip(np.median(tau[clear] / zenith[clear]), NEAREST, FARTHEST)
-
-
-def growth(wavelength_um, sky, noise, air_k, zenith_transmittance):
-    """b (bands,) of the visible sky's pixels; arguments as of `overhead`, air_k in K."""
-    glow = planck(wavelength_um, air_k)
-    t = 1 - sky / glow
-    told = (t > DARKEST) & (t < CLEAREST)
-    t = np.clip(t, DARKEST, CLEAREST)
-    tau = -np.log(t)
-    precision = np.where(told, (glow * t * tau / noise) ** 2, 0.0)  # of log tau, for noise
-    # d log tau / d T_air
-    sensitivity = -(1 - t) / (t * tau) * (planck_derivative(wavelength_um, air_k) / glow)
-    weight = precision / (1 + precision * (AIR_DOUBT_K * sensitivity) ** 2)
-    weight = weight.sum(axis=0) / max(weight.sum(), 1e-30)
-    abscissa = np.log(tau) @ weight
-    slope, variance = _slope(abscissa, np.log(tau), precision, weight)
-    variance = variance + (AIR_DOUBT_K * _slope(abscissa, sensitivity, precision)[0]) ** 2
-    prior = OPAQUE_GROWTH + (1 - OPAQUE_GROWTH) * zenith_transmittance
-    prior = prior / np.quantile(prior, CLEAR_QUANTILE)
-    clear = 1.0
-    for _ in range(3):  # the prior's scale is that of the clear bands, which it hardly moves
-        known, guessed = 1 / variance, (GROWTH_DOUBT * clear) ** -2
-        b = (slope * known + clear * prior * guessed) / (known + guessed)
-        clear = np.quantile(b, CLEAR_QUANTILE)
-    return np.clip(b / clear, LEAST_GROWTH, MOST_GROWTH)
-
-
-def _slope(x, y, precision, share=None):
-    """Least-squares slopes of y (n, bands) against x (n,), and their variances.
-
-    With share (bands,), x is y @ share: its noise, which would pass for slope 1 of its own bands
-    and lower all others', is taken out of the moments (errors in variables: Fuller 1987, ch. 1).
-    """
-    total = np.maximum(precision.sum(axis=0), 1e-30)
-    off = x[:, None] - (precision * x[:, None]).sum(axis=0) / total
-    across = (precision * off * y).sum(axis=0)
-    signal = square = np.maximum((precision * off**2).sum(axis=0), 1e-30)
-    if share is not None:
-        noise = (share**2 / np.maximum(precision, 1e-30)).sum(axis=1, where=precision > 0)
-        signal = square - (precision * noise[:, None]).sum(axis=0)
-        across = across - share * np.count_nonzero(precision, axis=0)
-        signal = np.maximum(signal, 1e-3 * square)
-    return across / signal, square / signal**2
+    usual = usual_atmosphere(max(shown, scene_k))
+    nodes, mass = quadrature(wavelength_um, fwhm_um), np.array([USUAL_MASS])
+    (s,) = band_means(lambda w: sky_along(w, mass, usual), nodes)
+    excess = usual.air_temperature_k - brightness_temperature(wavelength_um, s).max()
+    k = np.array([shown + excess, scene_k])
+    precision = np.array([np.hypot(AIR_DOUBT_K, EXCESS_DOUBT * excess), SCENE_DOUBT_K]) ** -2.0
+    return float(k @ precision / precision.sum()), float(precision.sum() ** -0.5)

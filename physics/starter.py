@@ -306,7 +306,7 @@ def _sky_row():
     e = -np.expm1(-zenith_optical_depth(WAVELENGTH_UM, Atmosphere()))
     text = (
         "1 - transmittance of a clear atmosphere towards the zenith (288 K, 1.4 cm of water, "
-        "320 DU of ozone, 420 ppm of CO2); the closed forms and their sources are in physics.sky."
+        "320 DU of ozone, 420 ppm of CO2) by the band model of LOWTRAN 7 (physics.sky)."
     )
     return _json_row(SKY, e, 200, (0.35, 0.55, 0.85), text)
 

@@ -86,7 +86,8 @@ def test_more_air_lets_less_through_but_lines_saturate(one, other, kelvin):
 def test_no_air_and_air_without_gases_are_clear():
     np.testing.assert_allclose(level_transmittance(W, 0.0, usual_atmosphere(290)), 1)
     empty = Atmosphere(290, water_cm=0, ozone_du=0, co2_ppm=0)
-    np.testing.assert_allclose(level_transmittance(W, 1000.0, empty), 1)
+    other = (W < 9.2) | (W > 10) & (W < 11.6) | (W > 12.8)  # where methane and N2O absorb, too
+    np.testing.assert_allclose(level_transmittance(W[~other], 1000.0, empty), 1)
 
 
 def test_carbon_dioxide_and_vapour_close_the_window_from_its_ends():
@@ -156,8 +157,7 @@ def test_air_that_hardly_helps_is_not_taken():
     [("street", 24, "net+sgd"), ("street", 54, "local"), ("patterned", 54, "net+sgd")],
 )
 def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
-    """200 m of air a quarter more humid than is usual: half of the bands lose 1 % and more, the
-    last a third, of light that differs from the air's."""
+    """200 m of air a quarter more humid than is usual, which takes up to half of a band's light."""
     cube, truth = traced(name, bands)
     kelvin = preset(name).atmosphere.air_temperature_k
     right = decompose(cube, method=method)
@@ -169,7 +169,7 @@ def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     assert (d.camera_netd_k, d.noise_raised) == (cube.netd_k, 1) and d.netd_k > cube.netd_k
     ground = names_of(truth) != "sky"
     off = lambda of: np.abs(of.temperature_k - truth.temperature_k)[ground]
-    assert np.median(off(d)) < np.median(off(right)) + 0.04  # 0.2 K and more, if not taken out
+    assert np.median(off(d)) < np.median(off(right)) + 0.12  # 0.9 K, if not taken out
     named = lambda of: (names_of(of) == names_of(truth)).mean()
     assert named(d) > named(right) - 0.03  # in the street 0.25
     assert (off(d) < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
@@ -232,12 +232,12 @@ def test_none_is_found_where_none_is(name, bands):
 def test_each_part_is_as_far_as_the_air_before_it_says():
     """Half of a forest eight times as far as the other half."""
     cube, truth = traced("forest", 24)
-    near, far = (behind(cube, truth, metres).radiance for metres in (60.0, 480.0))
+    near, far = (behind(cube, truth, metres).radiance for metres in (40.0, 320.0))
     left, ground = np.arange(cube.shape[1]) < cube.shape[1] // 2, names_of(truth) != "sky"
     s = np.where(left, near, far)
     d = decompose(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
-    assert 40 < np.median(d.distance_m[ground & left]) < 140
-    assert 240 < np.median(d.distance_m[ground & ~left]) < 800
+    assert 27 < np.median(d.distance_m[ground & left]) < 93
+    assert 160 < np.median(d.distance_m[ground & ~left]) < 533
     # of both halves alike, 0.9 K
     assert np.abs(d.temperature_k - truth.temperature_k)[ground].mean() < 0.6
 

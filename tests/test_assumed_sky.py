@@ -5,7 +5,7 @@ import pytest
 from traced import names_of, one_thread, said, traced  # noqa: F401
 
 from physics import Environment, HeatCube, MaterialLibrary
-from physics.bands import equidistant_bands
+from physics.bands import band_means, equidistant_bands, quadrature
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, planck
 from physics.sky import sky_radiance, usual_atmosphere
@@ -43,11 +43,14 @@ def test_a_field_of_one_material_is_no_mirror_of_itself(material, bands, method)
     """All objects that are found have the material's own spectrum, which a mirror would show."""
     rng, air = np.random.default_rng(0), usual_atmosphere(288.0)
     w, width = equidistant_bands(bands)
-    e = LIBRARY.at(w)[LIBRARY.index(material)][:, None, None]
     t, v = rng.normal(290, 2, (40, 50)), rng.uniform(0.6, 1.0, (40, 50))
-    own = planck(w[:, None, None], t)
-    sky = sky_radiance(w, [0.6], air)[0][:, None, None]
-    s = e * own + (1 - e) * (v * sky + (1 - v) * own)
+
+    def radiance(fine_um):
+        e = LIBRARY.at(fine_um)[LIBRARY.index(material)]
+        own, sky = planck(fine_um, t[..., None]), sky_radiance(fine_um, [0.6], air)[0]
+        return e * own + (1 - e) * (v[..., None] * sky + (1 - v[..., None]) * own)
+
+    s = np.moveaxis(band_means(radiance, quadrature(w, width)), -1, 0)
     s += noise_sigma(w, 0.05)[:, None, None] * rng.standard_normal(s.shape)
     d = decompose(HeatCube(s, w, width, 0.05), method=method)
     assert d.sky_assumed

@@ -43,7 +43,7 @@ def make(curves=CURVES, netd_k=None, height=36, width=60, seed=0, surround=288.0
     s = np.concatenate([sky, e * planck(W, t) + (1 - e) * x])
     if netd_k is not None:
         s = s + noise_sigma(W, netd_k) * rng.standard_normal(s.shape)
-    cube = HeatCube(s.T.reshape(len(W), height, width), W, np.full(len(W), W[1] - W[0]), netd_k)
+    cube = HeatCube(s.T.reshape(len(W), height, width), W, netd_k=netd_k)
     return cube, material
 
 

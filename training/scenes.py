@@ -50,7 +50,7 @@ SOURCES = (
         "cube/dead_pixels.py", "cube/heat_cube.py", "cube/netd.py", "cube/saturation.py",
         "machinery/array_file.py", "machinery/compiled.py", "machinery/json_file.py",
         "machinery/read_only.py", "machinery/whole_file.py",
-        "data/starter_library.json",
+        "data/lowtran7.csv", "data/starter_library.json",
     )),
     *(_HERE / name for name in ("scenes.py", "vary.py", "reshade.py")),
 )  # fmt: skip

@@ -1,11 +1,10 @@
 """Wavelengths that are all stated too long or too short by as much: found by the sky's ozone.
 
-Ozone glows from 9.3 to 9.9 um in an otherwise clear window, and it does so everywhere on Earth;
-what is registered against the atmosphere is registered there. Seen along air mass a at air
-temperature T a sky radiates about B(T) (1 - t^a), t being the zenith transmittance 1 - e_sky of the
-library's sky. The wavelengths as stated are moved until that has the same steps from band to band
-as the pixels whose bands differ most, which are sky or mirror it. Steps, because the slow
-differences between one sky and another stay out of them.
+Ozone glows from 9.4 to 9.9 um in an otherwise clear window, and it does so everywhere on Earth;
+what is registered against the atmosphere is registered there. The wavelengths as stated are moved
+until a sky of `physics.sky`, along some air mass, of some vapour, ozone and temperature, has the
+same steps from band to band as the pixels whose bands differ most, which are sky or mirror it.
+Steps, because the slow differences between one sky and another stay out of them.
 
 If no move makes a clear sky of these pixels much rather than a grey body, none is in view.
 """
@@ -16,7 +15,7 @@ import numpy as np
 
 from ..bands import quadrature
 from ..planck import brightness_temperature, planck, planck_derivative
-from ..sky import AIR_MASSES
+from ..sky import MOST_WATER_CM, sky_along, usual_atmosphere
 from .hot import split_hot
 
 LOW_UM, HIGH_UM = 8.5, 11.0  # the bands that are looked at, ozone well inside
@@ -33,6 +32,9 @@ MOST_CONTRAST = 0.8  # of the pixels that are looked at, over the most (but for 
 SAMPLES = 2000
 AIR_EXCESS_K = np.linspace(-2, 12, 15)[:, None, None]  # of the air over what the warmest band shows
 GREYS = np.linspace(0.02, 1, 50)[:, None]
+# skies that are tried: air masses, vapour over the usual, and Dobson units
+MASSES, WATER, OZONE_DU = np.geomspace(1, 38, 9), (0.3, 1.0, 2.5), (220.0, 320.0, 450.0)
+FINE_UM = np.arange(LOW_UM - 0.7, HIGH_UM + 0.7, 0.01)  # at which they are computed
 
 
 def registered(cube, library):
@@ -69,17 +71,15 @@ def spectral_shift(cube, library):
     if most < CONTRAST_K or warmest > WARMEST_K:
         return 0.0
     air_k = warmest + AIR_EXCESS_K
-    nodes = quadrature(w, cube.fwhm_um[here])
-    of_sky = 1 - library.emissivity[library.sky_index]
+    nodes, skies = quadrature(w, cube.fwhm_um[here]), _opacities(warmest)
 
     def misfit(models):
         off = (models - s) / planck_derivative(w, 300.0)
         return float((np.diff(off) ** 2).mean(axis=-1).min() ** 0.5)
 
     def as_sky(shift):
-        clear = np.interp(nodes - shift, library.wavelength_um, of_sky)
-        clear = (clear ** AIR_MASSES[:, None, None]).mean(axis=-1)
-        return misfit(planck(w - shift, air_k) * (1 - clear))
+        at = np.stack([np.interp(nodes - shift, FINE_UM, sky).mean(axis=-1) for sky in skies])
+        return misfit(planck(w - shift, air_k) * at)
 
     farthest = round(FARTHEST_UM / STEP_UM)
     misfits = [as_sky(STEP_UM * i) for i in range(-farthest, farthest + 1)]
@@ -88,6 +88,18 @@ def spectral_shift(cube, library):
         return 0.0
     like_sky = least < LIKE_SKY * misfit(planck(w, air_k) * GREYS)
     return STEP_UM * best if like_sky and least < BETTER * misfits[farthest] else 0.0
+
+
+def _opacities(air_k):
+    """(skies, n) of what is tried, at FINE_UM: radiance over B(T_air)."""
+    usual = usual_atmosphere(air_k)
+    airs = [
+        replace(usual, water_cm=min(more * usual.water_cm, MOST_WATER_CM), ozone_du=ozone_du)
+        for more in WATER
+        for ozone_du in OZONE_DU
+    ]
+    skies = np.concatenate([sky_along(FINE_UM, MASSES, air) for air in airs])
+    return skies / planck(FINE_UM, usual.air_temperature_k)
 
 
 def _spacing(w):

@@ -26,7 +26,6 @@ import numpy as np
 
 from ..machinery.compiled import compiled
 from ..planck import planck
-from ..sky import sky_radiance
 from .trace import SKY
 
 TEMPERATURE_STEP_K = 1 / 32
@@ -55,27 +54,28 @@ class Shader:
     sky: np.ndarray
 
     @staticmethod
-    def build(bands, emissivity, q, temperature_range_k, atmosphere, kind=None):
+    def build(bands, emissivity, q, temperature_range_k, sky, kind=None):
         """Tables for Bands.
 
         emissivity (materials, n) of their cells; q (materials,) roulette; temperature_range_k
-        (low, high); atmosphere or None; kind (materials,), each its own if None.
+        (low, high); sky (wavelength_um, cos_zenith) -> (directions, n) radiance, or None; kind
+        (materials,), each its own if None.
         """
         low, high = temperature_range_k
         coldest = np.floor(low)
-        rows = int(np.ceil((high - coldest) / TEMPERATURE_STEP_K)) + 2
-        t = coldest + TEMPERATURE_STEP_K * np.arange(rows)
-        if atmosphere is None:
-            sky = np.zeros((1, len(bands.fine_um)))
+        steps = int(np.ceil((high - coldest) / TEMPERATURE_STEP_K)) + 2
+        t = coldest + TEMPERATURE_STEP_K * np.arange(steps)
+        if sky is None:
+            rows = np.zeros((1, len(bands.fine_um)))
         else:
             mu = np.linspace(0, 1, SKY_ROWS) ** 2
-            sky = bands.in_cells(lambda w: sky_radiance(w, mu, atmosphere))
+            rows = bands.in_cells(lambda w: sky(w, mu))
         glow = bands.in_cells(lambda w: planck(w, t[:, None]))
         return Shader(
             glow.astype(np.float32), float(coldest),
             (1 - emissivity).astype(np.float32),
             ((1 - emissivity) / q[:, None]).astype(np.float32),
-            np.arange(len(q)) if kind is None else kind, sky.astype(np.float32),
+            np.arange(len(q)) if kind is None else kind, rows.astype(np.float32),
         )  # fmt: skip
 
 

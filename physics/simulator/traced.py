@@ -11,6 +11,7 @@ the seed and the block alone, so the result does not depend on how threads are t
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from ..library import SKY as SKY_NAME
 from ..machinery.array_file import load_arrays, save_arrays
 from ..machinery.threads import cores, in_threads
 from ..planck import planck
-from ..sky import Atmosphere
+from ..sky import Atmosphere, sky_radiance
 from ..truth import Truth
 from .daylight import daylight
 from .sensor import FLOOR_K, Bands, add_noise
@@ -59,7 +60,9 @@ class TracedScene:
     atmosphere: Atmosphere | None
     blocks: Sequence[Paths]
 
-    def shade(self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, progress=None):
+    def shade(
+        self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, sky=None, progress=None
+    ):
         """Shade the paths -> (HeatCube, Truth), in terms of `library`.
 
         library        MaterialLibrary, any
@@ -68,6 +71,8 @@ class TracedScene:
         netd_k         sensor noise in K at 300 K; 0 leaves it out
         materials      dict from each of the scene's materials to a name in the library,
                        several of them to one if need be; each to its own name if None
+        sky            (wavelength_um, cos_zenith) -> (directions, n) radiance, as
+                       `physics.sky.sky_radiance`, of another sky than the atmosphere's
         progress       called as progress(done, total) between blocks of pixels
 
         Where the curves reflect more than those traced with, a few paths may sum to less than
@@ -80,10 +85,11 @@ class TracedScene:
         bands = Bands.of(wavelength_um, fwhm_um)
         emissivity = bands.in_cells(library.at)
         kind = self._kinds(library, materials)
+        if self.atmosphere is not None:
+            sky = sky or partial(sky_radiance, atmosphere=self.atmosphere)
         shader = Shader.build(
-            bands, emissivity[kind], self.roulette, self.temperature_range_k,
-            self.atmosphere, kind,
-        )  # fmt: skip
+            bands, emissivity[kind], self.roulette, self.temperature_range_k, sky, kind
+        )
         albedo_rgb = library.albedo_rgb[kind]
 
         (height, width), n = self.size, len(bands.wavelength_um)
@@ -107,17 +113,17 @@ class TracedScene:
         floor = planck(bands.wavelength_um[:, None], FLOOR_K)
         for light in (s, x):
             np.copyto(light, floor, where=light < 0, casting="same_kind")
-        sky = material == SKY
-        if sky.any() and library.sky_index is None:
+        of_sky = material == SKY
+        if of_sky.any() and library.sky_index is None:
             raise InputError(f"simulate: the camera sees sky, but the library has no {SKY_NAME!r}.")
-        e = bands.average(emissivity).T.astype(np.float32)[:, np.where(sky, 0, material)]
-        if sky.any():
+        e = bands.average(emissivity).T.astype(np.float32)[:, np.where(of_sky, 0, material)]
+        if of_sky.any():
             air = self.atmosphere.air_temperature_k
             glow = bands.average(bands.in_cells(lambda w: planck(w, air)))
-            temperature_k[sky] = air
-            e[:, sky] = np.minimum(x[:, sky] / glow[:, None], 1)
-            x[:, sky] = 0
-            material[sky] = library.sky_index
+            temperature_k[of_sky] = air
+            e[:, of_sky] = np.minimum(x[:, of_sky] / glow[:, None], 1)
+            x[:, of_sky] = 0
+            material[of_sky] = library.sky_index
         truth = Truth(
             temperature_k.reshape(height, width), material.astype(np.int16).reshape(height, width),
             library.names, e.reshape(n, height, width), x.reshape(n, height, width),

@@ -198,7 +198,9 @@ def error_of_given(cube, environment, looks, library, left_out=None):
     likeliest = min(loss, key=loss.get)
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return noisy, 0.0
-    loss = losses(all_nats | {c: of[0.0].nats(look, c) for c in first_look()})
+    nats_of = cache(partial(of[0.0].nats, look))
+    cameras = *first_look(), gain_or_offset(nats_of, environment.sky_mean is not None)
+    loss = losses(all_nats | {c: nats_of(c) for c in cameras})
     return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
 
