@@ -101,7 +101,7 @@ def _most_likely(deviation, n):
         )
         precision = slope.T @ slope + np.eye(n)
         step = -np.linalg.solve(precision, slope.T @ at + x)
-        x = x + step * min(1.0, LONGEST / np.linalg.norm(step))
+        x = x + step / max(1.0, np.linalg.norm(step) / LONGEST)
     return x, np.linalg.cholesky(np.linalg.inv(precision))
 
 
