@@ -39,6 +39,6 @@ class Air(NamedTuple):
     @property
     def noise(self):
         """How many times as noisy S is as S': the geometric mean over bands of 1 / t, by which
-        log likelihoods stay comparable. One number: 300 m leave the last band 1.5 times as much
+        log likelihoods stay comparable. One number: 300 m leave the last of 54 bands twice as much
         noise as that, and the windows less."""
         return float(np.exp(-np.log(self.transmittance).mean()))

@@ -171,7 +171,7 @@ def _sky_curve(cube, s, starter):
     seen = s[cold <= np.quantile(cold, 0.05)].mean(axis=0)
     air_k = brightness_temperature(w, seen).max() + AIR_EXCESS_K
     depth = -np.log(1 - seen / planck(w, air_k))
-    known = -np.log1p(-starter.at(w)[0])
+    known = -np.log1p(-np.minimum(starter.at(w)[0], 1 - 1e-6))  # some bands are opaque
     clear = known <= np.median(known)  # elsewhere the air's temperature decides
     mass = (depth[clear] @ known[clear]) / (known[clear] @ known[clear])
     return np.clip(-np.expm1(-depth / mass), 0, 1)

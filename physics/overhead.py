@@ -29,7 +29,9 @@ AIR_DOUBT_K, EXCESS_DOUBT, SCENE_DOUBT_K = 2.0, 0.5, 8.0
 MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT = 0.7, 0.7, 0.25  # of their logarithms
 USUAL_MASS = 8.0  # of the clearest sky in view
 GLOW_ERROR_K, DEPTH_ERROR = 0.5, 0.1  # of the model's B(T_air), and of its optical depth, relative
-STEPS, LONGEST = 8, 1.0  # of Gauss-Newton; in standard deviations of the priors
+# of Gauss-Newton, at most, and their lengths in standard deviations of the priors; halved while
+# they lead uphill, as they may where the sky is nearly opaque
+STEPS, LONGEST, SHORTEST, HALVINGS = 60, 1.0, 1e-4, 8
 DIFFERENCE = 1e-3  # likewise, for derivatives
 MOST_DEPTH = 20.0
 
@@ -79,7 +81,7 @@ def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
 
 def _skies(nodes, air, shares):
     """(shares, bands) of the model."""
-    mass = np.clip(np.exp(air.mass * (1 - shares)), AIR_MASSES[0], AIR_MASSES[-1])
+    mass = np.minimum(np.exp(max(air.mass, 0.0) * (1 - shares)), AIR_MASSES[-1])
     return band_means(lambda w: sky_along(w, mass, air.atmosphere()), nodes)
 
 
@@ -93,15 +95,24 @@ def _error(wavelength_um, seen, noise, air_k):
 
 def _most_likely(deviation, n):
     """x (n,) of the least |deviation|^2 + |x|^2, and the square root (n, n) of its covariance."""
-    x = np.zeros(n)
+    x, at = np.zeros(n), deviation(np.zeros(n))
     for _ in range(STEPS):
-        at = deviation(x)
         slope = np.stack(
             [(deviation(x + d) - at) / DIFFERENCE for d in DIFFERENCE * np.eye(n)], axis=1
         )
         precision = slope.T @ slope + np.eye(n)
         step = -np.linalg.solve(precision, slope.T @ at + x)
-        x = x + step / max(1.0, np.linalg.norm(step) / LONGEST)
+        step = step / max(1.0, np.linalg.norm(step) / LONGEST)
+        for _ in range(HALVINGS):
+            there = deviation(x + step)
+            if there @ there + (x + step) @ (x + step) < at @ at + x @ x:
+                x, at = x + step, there
+                break
+            step = step / 2
+        else:
+            break
+        if np.linalg.norm(step) < SHORTEST:
+            break
     return x, np.linalg.cholesky(np.linalg.inv(precision))
 
 

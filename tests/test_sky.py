@@ -76,7 +76,7 @@ def lowtran():
     return lowtran7()
 
 
-@pytest.mark.parametrize("angle", ["0", "60", "80"])
+@pytest.mark.parametrize("angle", ["0", "60", "80", "88"])
 @pytest.mark.parametrize("climate", STANDARD)
 def test_the_sky_is_that_of_lowtran_7(lowtran, climate, angle):
     w, skies = lowtran
@@ -85,9 +85,11 @@ def test_the_sky_is_that_of_lowtran_7(lowtran, climate, angle):
         w, [np.cos(np.radians(float(angle)))], Atmosphere(air_k, water_cm, ozone_du, co2_ppm=330.0)
     )
     off = brightness_temperature(w, ours[0]) - skies[climate][angle]
-    inverted = climate == "subarctic winter"
-    assert np.sqrt((off**2).mean()) < (4.5 if inverted else 2.0)
-    assert off.std() < 1.5  # between bands, which is what tells materials
+    rms, between_bands = np.sqrt((off**2).mean()), off.std()
+    if angle == "88":  # through some 20 times the zenith's air, of which layers of 1 km tell little
+        assert rms < (7 if "winter" in climate else 2.5) and between_bands < 3.5
+    else:
+        assert rms < (4.5 if climate == "subarctic winter" else 2.0) and between_bands < 1.5
 
 
 @pytest.mark.parametrize("air_k", [262.0, 288.0, 303.0])

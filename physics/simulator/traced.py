@@ -72,7 +72,8 @@ class TracedScene:
         materials      dict from each of the scene's materials to a name in the library,
                        several of them to one if need be; each to its own name if None
         sky            (wavelength_um, cos_zenith) -> (directions, n) radiance, as
-                       `physics.sky.sky_radiance`, of another sky than the atmosphere's
+                       `physics.sky.sky_radiance`, of another sky than the atmosphere's; a scene
+                       without atmosphere has none
         progress       called as progress(done, total) between blocks of pixels
 
         Where the curves reflect more than those traced with, a few paths may sum to less than
@@ -85,8 +86,10 @@ class TracedScene:
         bands = Bands.of(wavelength_um, fwhm_um)
         emissivity = bands.in_cells(library.at)
         kind = self._kinds(library, materials)
-        if self.atmosphere is not None:
-            sky = sky or partial(sky_radiance, atmosphere=self.atmosphere)
+        if self.atmosphere is None:
+            sky = None
+        elif sky is None:
+            sky = partial(sky_radiance, atmosphere=self.atmosphere)
         shader = Shader.build(
             bands, emissivity[kind], self.roulette, self.temperature_range_k, sky, kind
         )

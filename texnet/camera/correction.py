@@ -105,5 +105,5 @@ def _offset_and_gain(wavelength_um, c):
 
 
 def _corrected(radiance, offset, gain):
-    # the sky overhead, which is extrapolated, may be darker than an offset
+    # the sky overhead, which is not in view, may be darker than an offset
     return np.maximum(radiance - offset, DARKEST * radiance) / gain
