@@ -1,7 +1,7 @@
 """The paper's Fig. "dn": how the environment is found, and what it alone costs.
 
 The means of the picture's halves against K-means for k = 2, and K-means for k = 5. The paper's
-method takes the centres as they are; ours extrapolates the sky overhead from the sky in view
+method takes the centres as they are; ours finds the sky overhead by the sky in view
 (physics/estimate.py), for k = 5 by default. The bounds are what no inversion can undo.
 """
 
