@@ -39,7 +39,7 @@ from matplotlib.ticker import NullLocator
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, K, test_scenes
+from benchmarks.accuracy import NETD_K, THREADS, K, test_scenes
 from benchmarks.colours import BLACK, BLUE, GREEN, ORANGE, SKY_BLUE, VERMILLION
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
@@ -60,7 +60,7 @@ from texnet.learned import torch_model
 from texnet.metrics import correlation, evaluate, non_sky
 from texnet.pipeline import METHODS, decompose
 
-BANDS, THREADS = (4, 18, 54), min(2, numba.config.NUMBA_NUM_THREADS)
+BANDS = (4, 18, 54)
 RANDOM_SCENES, PRESETS = 5, ("forest",)
 # of refinement, beside the one that ships
 STEPS = {f"net+sgd, {n} steps": n for n in (2, 5, 10)}

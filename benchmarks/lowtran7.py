@@ -62,7 +62,7 @@ def data_statements(text):
         elif line[5:6].strip() == "":
             name = None  # another statement
         if name:
-            numbers = re.findall(r"[-+]?\d*\.\d+(?:E[-+]?\d+)?", statement.split("/")[0])
+            numbers = re.findall(r"[-+]?(?:\d+\.\d*|\.\d+)(?:E[-+]?\d+)?", statement.split("/")[0])
             found[name] += [float(n) for n in numbers]
             name = None if "/" in statement else name
     return found

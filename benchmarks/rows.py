@@ -14,7 +14,7 @@ from texnet.methods import WEIGHTS
 
 _ROOT = Path(__file__).parents[1]
 CODE = [_ROOT / name for name in ("physics", "texnet", "training", "export", "benchmarks")]
-DATA = [ONNX, SHIPPED / WEIGHTS, _ROOT / "physics" / "data" / "starter_library.json"]
+DATA = [ONNX, SHIPPED / WEIGHTS, *sorted((_ROOT / "physics" / "data").iterdir())]
 
 SETTINGS = "settings"  # the column
 

@@ -45,7 +45,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K
+from benchmarks.accuracy import NETD_K, THREADS
 from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from export.runtime import Runtime
@@ -54,7 +54,7 @@ from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
-from physics.library import MaterialLibrary
+from physics.library import SKY, MaterialLibrary
 from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
@@ -66,7 +66,6 @@ from texnet.pipeline import decompose
 
 FRAME, BANDS, K = (1080, 1920), 54, 4
 OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V
-THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 PIECE = 2  # times as large, on each side, is the frame as what was traced for it
 SCIPY_PIXELS = 30
 PART = 544, 960
@@ -373,11 +372,11 @@ def growth(traced, library, run):
             side = n if axis == "pixels" else SIMULATED_SIDE
             w, fwhm = equidistant_bands(n if axis == "bands" else BANDS)
             spp = n if axis == "paths" else SPP
-            run = lambda: simulate(
+            trace = lambda: simulate(
                 scene, wavelength_um=w, fwhm_um=fwhm, size=(side, side), spp=spp,  # noqa: B023
                 netd_k=NETD_K, seed=7, library=library,
             )  # fmt: skip
-            row = timed("simulate", side * side, run, repeats=1)
+            row = timed("simulate", side * side, trace, repeats=1)
             size = side * side if axis == "pixels" else n
             seconds = row["seconds_per_megapixel"] * side * side / 1e6
             yield {"axis": axis, "size": size, "method": "simulate", "seconds": seconds}
@@ -385,8 +384,8 @@ def growth(traced, library, run):
 
 def _some(library, n):
     """n materials, the sky among them."""
-    names = [m for m in library.names if m != "sky"]
-    return ["sky", *names[: n - 1]]
+    names = [m for m in library.names if m != SKY]
+    return [SKY, *names[: n - 1]]
 
 
 def exponents(rows):

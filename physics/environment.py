@@ -11,6 +11,7 @@ from .machinery.read_only import ReadOnly
 from .planck import brightness_temperature, planck, planck_derivative
 from .prior import lighting_scale, scene_temperatures
 
+MOST_OBJECTS = 10
 FAR_K = 100.0  # from the cube: in other units
 FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
 WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance

@@ -61,17 +61,23 @@ class MaterialLibrary(ReadOnly):
         e = np.array(numbers(self.emissivity, "library: emissivity"), dtype=np.float64)
         if m == 0:
             raise InputError("library: it holds no material.")
-        if len(set(names)) != m or "" in names:
-            raise InputError("library: material names must be unique and not empty.")
+        if "" in names:
+            raise InputError("library: a material has an empty name.")
+        if len(set(names)) != m:
+            twice = next(n for i, n in enumerate(names) if n in names[:i])
+            raise InputError(f"library: there are two materials {twice!r}; rename one.")
         if e.shape != (m, w.size):
             raise InputError(
                 f"library: emissivity must be (materials, wavelengths) = {(m, w.size)}, "
                 f"got {e.shape}."
             )
-        bad = ~(np.isfinite(e) & (e >= 0) & (e <= 1)).all(axis=1)
-        if bad.any():
+        bad = np.argwhere(~((e >= 0) & (e <= 1)))
+        if len(bad):
+            i, band = bad[0]
+            percent = "; divide by 100 if these are percent" if 2 < e[i, band] <= 100 else ""
             raise InputError(
-                f"library: emissivity of {names[int(np.argmax(bad))]} leaves 0..1 or is not finite."
+                f"library: emissivity of {names[i]} is {e[i, band]:g} at {w[band]:g} um; it must "
+                f"lie within 0..1{percent}."
             )
         hue = _fill_hues(names, [None] * m) if self.hue_deg is None else self.hue_deg
         hue = np.array(numbers(hue, "library: hue_deg"), float)
@@ -178,7 +184,9 @@ class MaterialLibrary(ReadOnly):
     @staticmethod
     def _from_json(data, path):
         try:
-            rows = data["materials"]
+            rows, bands = data["materials"], len(data["wavelength_um"])
+            for r in rows:
+                _check_row(r, bands)
             return MaterialLibrary(
                 [r["name"] for r in rows], data["wavelength_um"], [r["emissivity"] for r in rows],
                 _fill_hues([r["name"] for r in rows], [r.get("hue_deg") for r in rows]),
@@ -186,13 +194,14 @@ class MaterialLibrary(ReadOnly):
                 [r.get("description", "") for r in rows],
                 [r.get("level_sigma", 0.0) for r in rows],
             )  # fmt: skip
-        except InputError:
-            raise
+        except InputError as e:
+            raise InputError(f"library: {path}: {str(e).removeprefix('library: ')}") from e
         except (KeyError, TypeError, ValueError, OverflowError) as e:
+            lacks = f" (there is no {e})" if isinstance(e, KeyError) else ""
             raise InputError(
-                f"library: {path} must hold wavelength_um, a list of numbers, and materials, each "
-                "with its name and its emissivity, as many numbers; what does not: "
-                f"{f'there is no {e}' if isinstance(e, KeyError) else e}."
+                f"library: {path} must be an object of wavelength_um, a list of numbers, and "
+                "materials, a list of objects, each with its name and its emissivity, as many "
+                f"numbers{lacks}."
             ) from e
 
     @staticmethod
@@ -201,6 +210,19 @@ class MaterialLibrary(ReadOnly):
         """The library that ships with the package; `texnet library rebuild` makes it."""
         path = files("physics") / "data" / "starter_library.json"
         return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)
+
+
+def _check_row(row, bands):
+    """InputError unless a material of a library file has a name and an emissivity for each band."""
+    name, e = row["name"], row["emissivity"]
+    if not isinstance(name, str):
+        raise InputError(f"the name of a material must be text, got {json.dumps(name)}.")
+    if not isinstance(e, list) or any(type(x) not in (int, float) for x in e):
+        raise InputError(f"emissivity of {name} must be a list of numbers.")
+    if len(e) != bands:
+        raise InputError(
+            f"emissivity of {name} must be {bands} numbers, one for each wavelength, got {len(e)}."
+        )
 
 
 def _fill_hues(names, hue_deg):

@@ -158,7 +158,7 @@ class _Profile(NamedTuple):
 
 
 def _edges_km():
-    # Exponential spacing: 30 m at the ground, where an opaque band is seen, 8 km at the top.
+    # Exponential spacing: 30 m at the ground, where an opaque band is seen, 10 km at the top.
     return TOP_KM * np.expm1(6 * np.arange(LAYERS + 1) / LAYERS) / np.expm1(6)
 
 

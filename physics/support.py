@@ -20,11 +20,12 @@ do not count.
 
 import numpy as np
 
+from .environment import MOST_OBJECTS
 from .estimate import Sample
 from .exact.local import solve_local
 from .exact.reduced import reduce_model
 
-SAMPLES, MOST, PATIENCE = 600, 10, 2
+SAMPLES, PATIENCE = 600, 2
 UNDER_SKY = 4
 
 
@@ -40,7 +41,7 @@ def supported_count(cube, library, seed=0, assume_sky=False):
     if assume_sky and not in_view and len(solid) > 1:
         library = library.subset([library.names[i] for i in solid])
     least = UNDER_SKY if in_view else 2 if assume_sky else 1
-    for k in range(min(least, pixels), min(MOST, pixels) + 1):
+    for k in range(min(least, pixels), min(MOST_OBJECTS, pixels) + 1):
         found[k] = free_energy(cube, library, sample.environment(k, assume_sky), spectra)
         best = min(found, key=lambda k: found[k].mean())
         if k - best >= PATIENCE:

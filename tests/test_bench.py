@@ -1,11 +1,19 @@
 """The `texnet bench` commands: what they take, and what they refuse before the work."""
 
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
-from benchmarks import speed, stability
+from benchmarks import lowtran7, speed, stability
+from export.runtime import Runtime
+from physics.library import MaterialLibrary
+from physics.simulator import trace_scene
+from physics.simulator.presets import preset
 from texnet.cli import main
+
+LIBRARY = MaterialLibrary.starter()
 
 
 @pytest.mark.parametrize("what", ["speed", "stability", "chart"])
@@ -40,3 +48,54 @@ def test_stability_measures_the_axes_that_are_named(tmp_path, capfd, monkeypatch
     assert main(words) == 0 and done == {"noise", "gain off"}
     assert main([*words[:3], "nonsense", "--out", str(tmp_path)]) == 2
     assert "no axis 'nonsense' among" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "name", sorted(p.stem for p in Path(speed.__file__).parent.glob("*.py") if p.stem != "__init__")
+)
+def test_every_benchmark_finds_what_it_imports(name):
+    assert import_module(f"benchmarks.{name}").__doc__
+
+
+def test_exponents_are_those_of_power_laws():
+    rows = [
+        {"axis": axis, "method": method, "size": n, "seconds": 0.3 * n**power}
+        for axis, method, power in (("bands", "a", 1.0), ("bands", "b", 0.5), ("pixels", "a", 2.0))
+        for n in (1, 10, 40)
+    ]  # fmt: skip
+    found = speed.exponents(rows)
+    assert found["bands"] == pytest.approx({"a": 1.0, "b": 0.5})
+    assert found["pixels"] == pytest.approx({"a": 2.0})
+
+
+def test_what_is_timed_runs(monkeypatch):
+    """On small pictures: the simulator beside Embree on the same rays, and each axis of growth."""
+    for name in ("GROWTH", "SIMULATED_GROWTH"):
+        axes = dict.fromkeys(getattr(speed, name), (4,))
+        monkeypatch.setattr(speed, name, axes | {"pixels": (24,)})
+    for name, size in (("GROWTH_SIDE", 24), ("SIMULATED_SIDE", 8), ("SIMULATED", (8, 12))):
+        monkeypatch.setattr(speed, name, size)
+    monkeypatch.setattr(speed, "preset", cache(preset))
+    row = speed.simulator(LIBRARY)
+    assert row["rays"] >= 8 * 12 * speed.SPP and 0 < row["ratio"] < 1
+    traced = trace_scene(preset("forest", 7), (24, 32), 4, 7, LIBRARY)
+    rows = list(speed.growth(traced, LIBRARY, Runtime(speed.ONNX).run))
+    assert {(r["axis"], r["method"]) for r in rows} == {
+        *((axis, method) for axis in speed.GROWTH for method in ("local", "net+sgd")),
+        *((axis, "simulate") for axis in speed.SIMULATED_GROWTH),
+    }  # fmt: skip
+    assert all(r["seconds"] > 0 for r in rows)
+
+
+def test_fortran_data_are_read():
+    text = """C     DATA X / 9. /
+      BLOCK DATA FIRST
+      DATA A/ 1.0, -2.5E-01,
+     1        3./
+      DATA B /4.0/
+      BLOCK DATA SECOND
+      DATA A / .5 /
+"""
+    assert lowtran7.data_statements(text) == {
+        ("FIRST", "A"): [1.0, -0.25, 3.0], ("FIRST", "B"): [4.0], ("SECOND", "A"): [0.5]
+    }  # fmt: skip

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from importlib import import_module
@@ -167,7 +168,9 @@ def test_wrong_places_are_refused_before_the_work(capfd, tmp_path, cube, monkeyp
     assert "there is no folder" in refused(
         capfd, "simulate", "forest", "--out", tmp_path / "no" / "cube.exr"
     )
-    assert "use .exr or .npz" in refused(capfd, "simulate", "forest", "--out", tmp_path / "c.tif")
+    assert "end in .exr or .npz" in refused(
+        capfd, "simulate", "forest", "--out", tmp_path / "c.tif"
+    )
     assert "it is a file" in refused(capfd, "decompose", cube, "--out", cube)
     assert "no file" in refused(capfd, "decompose", tmp_path / "gone.exr", "--out", tmp_path)
 
@@ -277,6 +280,26 @@ def test_bands_then_simulate(capfd, tmp_path):
         assert "wavelength_um and fwhm_um" in refused(capfd, *simulate, file)
     file.write_text('{"wavelength_um": [9, 10], "fwhm_um": [1]}')
     assert "one width" in refused(capfd, *simulate, file)
+
+
+@pytest.mark.parametrize("side_m, said", [(10000, False), (20, True)])
+def test_a_ground_that_ends_in_view_is_said(capfd, tmp_path, side_m, said):
+    # 3 m up and level: down to -20 degrees, of which -3 / 10 and flatter go past 10 m of ground
+    file = tmp_path / "ground.json"
+    file.write_text(json.dumps({
+        "camera": {"position": [0, 0, 3], "target": [0, 1, 3]}, "atmosphere": {},
+        "objects": [{"mesh": {"shape": "plane", "size": [side_m, side_m]}, "material": "soil",
+                     "temperature_k": 287}],
+    }))  # fmt: skip
+    code, out, err = run(
+        capfd, "simulate", file, "--out", tmp_path / "night.npz", "--bands", 3, "--size", "40x4",
+        "--spp", 1,
+    )  # fmt: skip
+    assert code == 0, err
+    assert ("looks past the ground's end" in out) == said
+    if said:
+        past = 100 * 0.3 / np.tan(np.radians(20)) / 2
+        assert float(out.split("Warning: ")[1].split("%")[0]) == pytest.approx(past, abs=1.3)
 
 
 def test_library_from_cube(capfd, tmp_path):
@@ -421,20 +444,31 @@ def test_ctrl_c_while_the_command_line_loads():
 
 
 @pytest.mark.parametrize(
-    ("handler", "code"), [("SIG_DFL", -2), ("SIG_IGN", 0), ("default_int_handler", -2)]
-)
-def test_ctrl_c_while_loading_counts_once_all_is_loaded(handler, code):
+    "name, handler, ends",
+    [
+        ("SIGINT", "SIG_DFL", True), ("SIGINT", "SIG_IGN", False),
+        ("SIGINT", "default_int_handler", True), ("SIGTERM", "SIG_DFL", True),
+    ],
+)  # fmt: skip
+def test_a_signal_while_loading_counts_once_all_is_loaded(name, handler, ends):
+    code = -getattr(signal, name) if ends else 0
     text = (
         "import os, signal\n"
         "from texnet.loading import loading\n"
-        f"signal.signal(signal.SIGINT, signal.{handler})\n"
+        f"signal.signal(signal.{name}, signal.{handler})\n"
         "with loading():\n"
         "    with loading():\n"
-        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        f"        os.kill(os.getpid(), signal.{name})\n"
         "    print('loaded', flush=True)\n"
     )
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     assert done.returncode == code and done.stdout == "loaded\n"
+
+
+def test_demo_takes_what_decompose_does():
+    """It runs decompose, with all of its arguments but the cube."""
+    of = vars(texnet.cli._parser().parse_args(["decompose", "night.exr", "--out", "x"]))
+    assert of.keys() - vars(texnet.cli._parser().parse_args(["demo"])).keys() == {"cube"}
 
 
 def test_json_has_no_nan():
@@ -587,7 +621,9 @@ def test_json_of_editors_that_mark_it_as_utf_8(capfd, tmp_path):
     for file, start in ((bands, '{"wavelength_um": [1%s'), (library, '{"wavelength_um": [1%s')):
         file.write_text(start % (400 * "0") + "]}")
     assert "must be JSON with lists" in refused(capfd, *words)
-    assert "must hold wavelength_um" in refused(capfd, "library", "list", "--library", library)
+    assert "must be an object of wavelength_um" in refused(
+        capfd, "library", "list", "--library", library
+    )
 
 
 def test_the_range_that_is_advised_is_one_that_the_library_covers(capfd, tmp_path):

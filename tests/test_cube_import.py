@@ -502,6 +502,14 @@ def test_indices_that_reach_the_number_of_bands_count_from_1(tmp_path):
     assert "counts from 1" in note
 
 
+@pytest.mark.parametrize("good, doubted", [([1, 3, 5], True), ([0, 3, 5], False)])
+def test_indices_that_may_count_from_1_are_doubted(tmp_path, good, doubted):
+    np.savez(tmp_path / "a.npz", cube=S, wav=W, good_bands=good)
+    cube, note = import_cube(tmp_path / "a.npz", "W/m2/sr/um")
+    check_same(cube, S[good], W[good])
+    assert ("\nWarning: if good_bands counts from 1" in note) == doubted
+
+
 @pytest.mark.parametrize(
     "arrays, sentence",
     [
@@ -747,7 +755,7 @@ def test_an_index_is_replaced_by_a_flag(tmp_path):
 def test_other_mistakes(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
     assert "does not exist" in refused(capfd, tmp_path / "gone.hdr", "--out", out)
-    assert "use .exr or .npz" in refused(capfd, path, "--out", tmp_path / "b.hdr", *FLAGS)
+    assert "must end in .exr or .npz" in refused(capfd, path, "--out", tmp_path / "b.hdr", *FLAGS)
     (tmp_path / "a.exr").write_bytes(b"")
     assert "cube: " in refused(capfd, tmp_path / "a.exr", "--out", out)
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(99))

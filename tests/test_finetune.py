@@ -395,11 +395,18 @@ def test_the_command_fine_tunes_on_cubes(capfd, files, cache):
     assert "compare on a cube with a truth" in out
 
 
-def test_the_defaults_are_those_of_the_modules():
+def help_of(capsys):
+    with pytest.raises(SystemExit):
+        _parser().parse_args(["finetune", "--help"])
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_the_defaults_are_those_of_the_modules(capsys):
     train = _parser().parse_args(["train", "--out", "x"])
     assert (train.scenes, train.epochs) == (train_module.SCENES, train_module.EPOCHS)
     tune = _parser().parse_args(["finetune", "--out", "x", "--library", "y"])
-    assert (tune.scenes, tune.epochs) == (module.SCENES, module.EPOCHS)
+    assert (tune.scenes, tune.epochs) == (None, module.EPOCHS)
+    assert f"simulated scenes to train on, default: {module.SCENES}" in help_of(capsys)
 
 
 @pytest.mark.parametrize(
@@ -411,6 +418,7 @@ def test_the_defaults_are_those_of_the_modules():
         (["--out", "no/folder.safetensors"], "there is no folder no"),
         (["--epochs", "0"], "need a whole number 1-10000"),
         (["--scenes", "many"], "need a whole number 1-100000"),
+        (["--cubes", "none.npz", "--scenes", "5"], "leave out --scenes"),
         (["--cache", __file__], "cannot make the folder"),
     ],
 )

@@ -153,6 +153,19 @@ def test_the_starter_librarys_sky_is_added_when_asked_for(tmp_path):
         import_library(path, sky="rock0", add_sky=True)
 
 
+def test_a_library_of_our_own_kind_gets_a_sky_and_stays_as_it_is(tmp_path):
+    w, e = np.linspace(8, 13, 11), np.linspace(0.5, 0.9, 22).reshape(2, 11)
+    own = MaterialLibrary(["a", "b"], w, e, [10, 20], [[1, 0, 0], [0, 1, 0]], ["x", "y"], [0, 0.1])
+    own.save(tmp_path / "own.json")
+    library, note = import_library(tmp_path / "own.json", add_sky=True)
+    assert library.names == ("a", "b", "sky") and "8-13 um in common" in note
+    np.testing.assert_allclose(library.at(w)[:2], e, atol=1e-12)
+    for name in ("hue_deg", "albedo_rgb", "descriptions", "level_sigma"):
+        assert np.array_equal(getattr(library, name)[:2], getattr(own, name)), name
+    named, _ = import_library(tmp_path / "own.json", sky="b")
+    assert named.names == ("a", "sky") and named.hue_deg[1] == 20
+
+
 def test_black_is_a_measurement_and_less_is_none(tmp_path):
     w, e = np.linspace(7.5, 14.5, 71), np.full(71, 0.9)
     e[20:27], e[40:43] = 1.0, 1.5  # reflectance 0, and -50 %
@@ -277,7 +290,7 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
         ("a.csv", "wavelength_um,water\n8,1.03\n", "off by 0.02 at most"),
         ("a.csv", "wavelength_um,water\n8000,0.9\n", "looks like nm"),
         ("a.csv", "wavenumber_cm1,water\n8,0.9\n", "10 um is 1000 cm-1"),
-        ("a.csv", "wavelength_um,water,water\n8,0.9,0.9\n", "unique"),
+        ("a.csv", "wavelength_um,water,water\n8,0.9,0.9\n", "two materials 'water'"),
         ("a.csv", "wavelength_um,\xe4\n8,0.9\n", "UTF-8"),
         ("a.txt", "8 0.9\n9 0.8\n", "no 'key: value' lines"),
         ("a.txt", "Name: a\n\n8 0.9\n9 0.8\n", "no line 'X Units:'"),

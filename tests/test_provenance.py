@@ -3,7 +3,9 @@
 import numpy as np
 from test_architecture import ROOT, imports
 
+from benchmarks import rows
 from physics.machinery.provenance import fingerprint, provenance
+from training import train
 from training.scenes import SOURCES
 
 
@@ -32,6 +34,15 @@ def test_numbers_shapes_and_types_tell_apart():
     arrays = [(a,), (a.reshape(2, 3),), (a[:3], a[3:]), (a.astype(np.float32),), (a + 1e-12,)]
     assert len({fingerprint(*one) for one in arrays}) == len(arrays)
     assert fingerprint(a[::2]) == fingerprint(a[::2].copy())
+
+
+def test_runs_and_measurements_go_by_the_data_of_physics(monkeypatch):
+    """Skies and curves are data: with other ones nothing on disk is the same run any more."""
+    data, seen = ROOT / "physics" / "data", []
+    monkeypatch.setattr(train, "provenance", lambda settings, sources: seen.append(sources))
+    train.run_name({})
+    for sources in (*seen, rows.DATA):
+        assert set(data.iterdir()) <= set(sources)
 
 
 def test_a_scene_goes_by_all_the_physics_that_makes_it():

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import json
+import re
 
 import made_up
 import numpy as np
@@ -110,7 +111,7 @@ def test_wrong_cubes(change, word):
 @pytest.mark.parametrize(
     "change, word",
     [
-        (dict(names=("grass", "sky", "sky")), "unique"),
+        (dict(names=("grass", "sky", "sky")), "two materials 'sky'"),
         (dict(names=("grass", "", "sky")), "empty"),
         (dict(names=(), emissivity=np.zeros((0, 5))), "no material"),
         (dict(names=("grass", "sky")), "(2, 5)"),
@@ -371,7 +372,7 @@ def test_subset_keeps_order_and_all_that_belongs_to_a_material():
     for name in ("emissivity", "hue_deg", "albedo_rgb"):
         np.testing.assert_array_equal(getattr(part, name), getattr(library, name)[[2, 0]])
     assert "moss" in sentence(library.subset, ["grass", "moss"])
-    assert "unique" in sentence(library.subset, ["grass", "grass"])
+    assert "two materials" in sentence(library.subset, ["grass", "grass"])
 
 
 @given(st.permutations(range(30)))
@@ -393,16 +394,17 @@ ROW = {"name": "grass", "emissivity": [0.9, 0.95]}
     [
         ("", "JSON"),
         ("{", "JSON"),
-        ("[]", "must hold"),
+        ("[]", "must be an object"),
+        ("3", "must be an object"),
         ("{}", "materials"),
         ('{"wavelength_um": [8, 14]}', "materials"),
         (json.dumps({"materials": [ROW]}), "wavelength_um"),
         (json.dumps({"wavelength_um": [8, 14], "materials": []}), "no material"),
-        (json.dumps({"wavelength_um": [8, 14], "materials": {"grass": [0.9, 0.95]}}), "must hold"),
+        (json.dumps({"wavelength_um": [8, 14], "materials": {"grass": [0.9, 0.95]}}), "a list of"),
         (json.dumps({"wavelength_um": [8, 14], "materials": [{"name": "grass"}]}), "emissivity"),
         (json.dumps({"wavelength_um": [14, 8], "materials": [ROW]}), "ascend"),
-        (json.dumps({"wavelength_um": [8, 10, 14], "materials": [ROW]}), "(1, 3)"),
-        (json.dumps({"wavelength_um": [8, 14], "materials": [ROW, ROW]}), "unique"),
+        (json.dumps({"wavelength_um": [8, 10, 14], "materials": [ROW]}), "3 numbers"),
+        (json.dumps({"wavelength_um": [8, 14], "materials": [ROW, ROW]}), "two materials"),
         (json.dumps({"wavelength_um": ["8 um", 14], "materials": [ROW]}), "real numbers"),
     ],
 )
@@ -480,6 +482,32 @@ def test_known_names_keep_the_starter_s_hue_and_no_other_comes_near(names):
 def test_hues_that_nobody_knows_are_spread_evenly():
     library = MaterialLibrary(["a", "b", "c"], [8, 14], np.full((3, 2), 0.9))
     np.testing.assert_array_equal(library.hue_deg, [0, 120, 240])
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"emissivity": [0.9, 0.8, 0.7]}, "emissivity of b must be 2 numbers, one for each"),
+        ({"emissivity": [0.9, "0.8"]}, "emissivity of b must be a list of numbers"),
+        ({"emissivity": 0.9}, "emissivity of b must be a list of numbers"),
+        ({"emissivity": [0.9, 80]}, "emissivity of b is 80 at 14 um.*divide by 100 if"),
+        (
+            {"emissivity": [-0.2, 0.8]},
+            r"emissivity of b is -0.2 at 8 um; it must lie within 0..1\.",
+        ),
+        ({"emissivity": [0.9, float("nan")]}, "emissivity of b is nan at 14 um"),
+        ({"name": "a"}, "two materials 'a'"),
+        ({"name": ""}, "empty name"),
+        ({"name": None}, "the name of a material must be text, got null"),
+    ],
+)
+def test_what_is_wrong_with_a_library_file_is_named(tmp_path, change, words):
+    rows = [{"name": "a", "emissivity": [0.9, 0.8]}, {"name": "b", "emissivity": [0.7, 0.8]}]
+    rows[1] |= change
+    file = tmp_path / "l.json"
+    file.write_text(json.dumps({"wavelength_um": [8, 14], "materials": rows}))
+    said = sentence(MaterialLibrary.load, file)
+    assert said.startswith(f"library: {file}: ") and re.search(words, said)
 
 
 def test_a_library_that_is_no_json_is_told_how_to_become_one(tmp_path):

@@ -83,6 +83,22 @@ def test_a_name_that_says_something_else_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="tells by signals")
+def test_a_process_that_is_told_to_end_ends_though_a_thread_waits_for_ever():
+    code = (
+        "import os, signal, sys, threading, texnet.cli\n"
+        "from concurrent.futures import ThreadPoolExecutor\n"
+        "sys.argv = ['texnet', 'library', 'list']\n"
+        "texnet.cli.GRACE_S = 1\n"
+        "texnet.cli.main()\n"
+        "with ThreadPoolExecutor(1) as beside:\n"
+        "    beside.submit(threading.Event().wait)\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+    words = [sys.executable, "-c", code]
+    assert subprocess.run(words, cwd=ROOT, capture_output=True).returncode == -signal.SIGALRM
+
+
+@pytest.mark.skipif(os.name != "posix", reason="tells by signals")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_what_is_half_written_goes_when_the_process_is_told_to_end(tmp_path, name):
     """As schedulers and `timeout` tell it, by SIGTERM, and a terminal that closes, by SIGHUP."""

@@ -27,8 +27,7 @@ from .pipeline import decompose
 ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
 CHART = files("texnet") / "data" / "methods.csv"
 # pixels on a side that a method is first run on, to load and compile and for what it does once, and
-# then timed on; with 256 what is foreseen came within some 10 % of what large cubes take (before
-# pictures had parts)
+# then timed on
 WARM, CROP = 64, 256
 
 

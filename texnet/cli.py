@@ -17,12 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from physics.cube.heat_cube import MAX_NETD_K
+from physics.environment import MOST_OBJECTS
 from physics.errors import InputError
 
 from . import commands
 from .decompose_command import decompose, demo
 from .methods import METHODS, WEIGHTS
 
+GRACE_S = 60  # to tidy up in
 FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
     "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
     "environment-method", "environment-count",
@@ -34,7 +36,7 @@ def main(argv=None):
     if argv is None:  # what is half written goes before the process does
         for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP, nohup ignores it
             if signal.getsignal(number := getattr(signal, name, signal.SIGTERM)) != signal.SIG_IGN:
-                signal.signal(number, lambda n, _: sys.exit(128 + n))
+                signal.signal(number, _end)
     os.environ["MPLBACKEND"] = "agg"  # files alone: a notebook's own may not be there
     for stream in (sys.stdout, sys.stderr):  # a file's name may be beyond its encoding
         if hasattr(stream, "reconfigure"):
@@ -53,6 +55,14 @@ def main(argv=None):
         print(f"texnet: {e}" if str(e) else "texnet: interrupted", file=sys.stderr)
         return 130
     return 0
+
+
+def _end(number, _):
+    """Leave by SystemExit, so that what is half written goes; at the latest by SIGALRM, since an
+    import that is broken off may keep its lock, and another thread then waits for ever."""
+    if hasattr(signal, "alarm"):
+        signal.alarm(GRACE_S)
+    sys.exit(128 + number)
 
 
 def _say(*lines):
@@ -249,6 +259,7 @@ def _training(to):
         "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / WEIGHTS,
         help="weights to start from, default: the package's",
     )  # fmt: skip
+    p.set_defaults(scenes=None)  # with --cubes there are none
     p.add_argument(
         "--cubes", metavar="CUBE", type=Path, nargs="+", default=[],
         help="train on these alone, of which no truth is known, by Eq. 1; .exr or .npz",
@@ -371,7 +382,7 @@ def _folder(text):
 
 
 def _count(text):
-    return text if text == "auto" else _integer(1, 10)(text)
+    return text if text == "auto" else _integer(1, MOST_OBJECTS)(text)
 
 
 def _bands(text):
@@ -388,7 +399,9 @@ def _size(text):
 def _first_last(text):
     match = re.fullmatch(r"([0-9]{1,6}\.?[0-9]{0,9}):([0-9]{1,6}\.?[0-9]{0,9})", text)
     if match is None:
-        raise argparse.ArgumentTypeError(f"need FIRST:LAST such as 760:1240, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"need FIRST:LAST, as 8:14 in um or 760:1240 in cm-1, got {text!r}"
+        )
     return float(match[1]), float(match[2])
 
 

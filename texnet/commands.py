@@ -13,6 +13,8 @@ from physics.library import MaterialLibrary
 
 from .loading import loading
 
+EDGE_SHARE = 0.01  # of a picture, that sees past the end of the ground
+
 
 def import_(args):
     from .files.cube_import import import_cube
@@ -48,6 +50,7 @@ def simulate(args):
 
         from .files.band_file import read_bands
         from .files.cube_io import check_cube_path, truth_path, write_cube
+        from .metrics import non_sky
         from .progress import progress_bar
 
     named = isinstance(args.bands, Path)
@@ -73,12 +76,27 @@ def simulate(args):
         # never a truth beside another scene's cube, where only one of the two can be replaced
         Path(os.path.realpath(beside)).unlink(missing_ok=True)
     text = f"{_size(args.out, cube)}\n{beside}: its truth."
+    text += _past_the_ground(scene.camera, ~non_sky(truth))
     result = {
         "command": "simulate", "scene": args.scene, "cube": args.out, "truth": beside,
         "bands": cube.bands, "size": cube.shape, "spp": args.spp, "netd_k": cube.netd_k,
         "seed": args.seed,
     }  # fmt: skip
     return text, result
+
+
+def _past_the_ground(camera, is_sky):
+    """A warning where pixels of the sky (height, width) look below the horizon; else ""."""
+    from physics.simulator.trace import view_directions
+
+    falls = view_directions(camera, is_sky.shape)[:, 2].reshape(is_sky.shape) < 0
+    share = (falls & is_sky).mean()
+    if share < EDGE_SHARE:
+        return ""
+    return (
+        f"\nWarning: {share:.1%} of the picture looks past the ground's end and below the horizon, "
+        "where it sees the horizon's sky; let the ground reach farther."
+    )
 
 
 def _size(path, cube):
@@ -217,16 +235,18 @@ def finetune(args):
     from .files.cube_io import read_cube
     from .files.weights import load_network, save_network
 
+    if args.cubes and args.scenes is not None:
+        raise InputError("--cubes are all that is trained on; leave out --scenes.")
     check_writable(args.out, args.library, args.model, *args.cubes, suffix=".safetensors")
     library = MaterialLibrary.load(args.library)
     cubes = [read_cube(path) for path in args.cubes]
     network, past = load_network(args.model)
     with _training() as report:
-        from training.finetune import finetune
+        from training.finetune import SCENES, finetune
 
         network, history = finetune(
-            network, library, args.cache, scenes=args.scenes, epochs=args.epochs, cubes=cubes,
-            seed=args.seed, device=args.device, progress=report,
+            network, library, args.cache, scenes=args.scenes or SCENES, epochs=args.epochs,
+            cubes=cubes, seed=args.seed, device=args.device, progress=report,
         )  # fmt: skip
     save_network(network, args.out, history | {"from": past})
     before, after = history["before"], history["after"]

@@ -58,7 +58,7 @@ def decompose(args):
         with loading():
             from .baselines import baseline_pictures
             from .outputs import check_directory, write_decomposition
-            from .pipeline import MOST_OBJECTS, decompose
+            from .pipeline import decompose
             from .progress import progress_bar
 
         inputs = args.cube, truth_path(args.cube), args.library, args.model, args.environment
@@ -77,6 +77,7 @@ def decompose(args):
 
             as_many = k
             if environment is not None:
+                from physics.environment import MOST_OBJECTS
                 from physics.estimate import objects_completed
 
                 as_many = min(objects_completed(environment), MOST_OBJECTS)

@@ -97,8 +97,10 @@ def _exact():
 
 
 def check_device(device):
-    """Raise InputError if torch cannot compute on a device, "cpu" or "cuda"."""
-    if device != "cuda":
+    """Raise InputError unless device is "cpu" or "cuda", and torch can compute on it."""
+    if device not in ("cpu", "cuda"):
+        raise InputError(f"device: need cpu or cuda, got {device!r}.")
+    if device == "cpu":
         return
     if not torch.cuda.is_available():
         raise InputError("device: torch finds no CUDA GPU here; take --device cpu.")

@@ -18,7 +18,7 @@ import numpy as np
 
 from physics.cube.heat_cube import MAX_NETD_K, HeatCube, numbers
 from physics.cube.hot import split_hot
-from physics.environment import Environment
+from physics.environment import MOST_OBJECTS, Environment
 from physics.errors import InputError
 from physics.library import MaterialLibrary
 from physics.machinery import scratch
@@ -36,7 +36,6 @@ from .uncertainty import (
     with_level_error,
 )
 
-MOST_OBJECTS = 10  # of the environment
 MAX_SEED = 2**32 - 1  # of scikit-learn
 
 

@@ -63,7 +63,9 @@ def finetune(
     if cubes:
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         whole = with_sky(library)
-        data = [(fingerprint(c.radiance, c.wavelength_um, c.fwhm_um), c.netd_k) for c in cubes]
+        data = [
+            (fingerprint(c.radiance, c.wavelength_um, c.fwhm_um, c.dead), c.netd_k) for c in cubes
+        ]
         taken = []
         for i, cube in enumerate(cubes, 1):
             try:

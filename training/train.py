@@ -81,9 +81,11 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
 
 
 def run_name(settings):
-    """A folder name for a run: the same settings (plain values) and code, the same name."""
+    """A folder name for a run: the same settings (plain values), code and data of physics, the same
+    name."""
     packages = [Path(package.__file__).parent for package in (physics, texnet)]
-    return provenance(settings, [*packages, Path(__file__).parent])
+    data = sorted((packages[0] / "data").iterdir())
+    return provenance(settings, [*packages, Path(__file__).parent, *data])
 
 
 class Draws(Dataset):

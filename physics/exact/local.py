@@ -406,6 +406,7 @@ def _by_face(face, faces):
 def _one_by_one(
     g, i, h, constant, gram, n, k, half, weight, mean, value, tau, curvature, v
 ):  # fmt: skip
+    """Solve pixel i of hypothesis g by itself, from v[g, :, i] and tau[g, i], in place."""
     own, at, free, total = np.empty(n + k), np.empty(k), np.empty(k, np.bool_), 0.0
     for a in range(n + k):
         own[a] = h[g, a, i]
@@ -426,6 +427,8 @@ def _one_by_one(
 
 @compiled(parallel=True)
 def _solve_given(h, gram, n, k, half, weight, mean, energy, tau, curvature, lighting):
+    """Solve pixels h (P, n + k) of one hypothesis from tau; fills energy, tau, curvature (P,) and
+    lighting (P, k)."""
     size = max(n, k) + 1
     for pixel in numba.prange(len(h)):
         work = np.empty((8 + k, size))

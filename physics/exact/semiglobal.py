@@ -270,6 +270,7 @@ def _softmax(x):
 
 @compiled(inline="always")
 def _edge_cost(t, m, tq, mq, sky):
+    """What neighbours of T (K) and materials t, m and tq, mq cost: 0, alike, to 1."""
     if m != mq:
         return 1.0
     if m == sky:
@@ -302,6 +303,12 @@ def _mean_field(colour, unary, edges, q):
 
 @compiled(parallel=True)
 def _icm(colour, table, optimum_k, edges, sky, t, m, unary):
+    """Give each pixel of a colour the label that costs least, that of all others being given.
+
+    t (K), m (material) and unary (nats), all (height, width), are changed in place; table and
+    optimum_k (P, L) hold all labels' nats and K, edges (4, height, width) what differing from each
+    neighbour costs.
+    """
     height, width = t.shape
     for row in numba.prange(height):
         for col in range((row + colour) % 2, width, 2):

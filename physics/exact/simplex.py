@@ -103,7 +103,8 @@ def solve(h, gram, n, k, half, weight, mean, tau, v, free, work):
 def _lighting(gram, n, k, g, v, free, chol, x, y):
     """Minimise v'Gv/2 - g'v on the simplex, G = gram[n:, n:], from a feasible v (in place).
 
-    Primal active set (Nocedal & Wright, alg. 16.3) with G v = g + lambda on the free set.
+    Primal active set (Nocedal & Wright, alg. 16.3) with G v = g + lambda on the free set. Leaves
+    the free block's Cholesky factor in chol and returns its size; x and y are for substitutions.
     """
     for _ in range(4 * k + 8):
         count = 0

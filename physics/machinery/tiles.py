@@ -12,7 +12,7 @@ import numpy as np
 from . import scratch
 from .threads import in_threads
 
-TILE_BYTES = 3e8  # about what the work on all tiles at hand may take
+TILE_BYTES = 3e8  # about what the work on all tiles at hand may take; in ONNX Runtime, on two
 MOST_AT_ONCE = 8  # tiles; for more, memory is scarcer than cores
 TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
 

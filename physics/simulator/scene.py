@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from ..errors import InputError
+from ..library import SKY
 from ..sky import Atmosphere
 
 MAX_M = 1e9  # from the origin
@@ -100,7 +101,7 @@ class Scene:
         object.__setattr__(self, "objects", tuple(self.objects))
         if not self.objects:
             raise InputError("scene: it is empty; give at least one object.")
-        if any(o.material == "sky" for o in self.objects):
+        if any(o.material == SKY for o in self.objects):
             raise InputError("scene: no object can be made of sky; set the atmosphere instead.")
         for o in self.objects:
             reach = np.abs(o.mesh.vertices - np.asarray(self.camera.position)).max()

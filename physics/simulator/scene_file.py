@@ -47,12 +47,12 @@ def load_scene(path):
     """Read a scene file (see the module) -> Scene; InputError says what is wrong."""
     path = Path(path)
     data = read_json(path, "scene")
-    _keys(data, "the file", ("camera", "objects"), ("atmosphere", "sun_direction", "name"))
-    camera = data["camera"]
-    _keys(camera, "camera", ("position", "target"), ("fov_deg",))
-    if not isinstance(data["objects"], list) or not data["objects"]:
-        raise InputError("scene: 'objects' must list at least one object.")
     try:
+        _keys(data, "the file", ("camera", "objects"), ("atmosphere", "sun_direction", "name"))
+        camera = data["camera"]
+        _keys(camera, "camera", ("position", "target"), ("fov_deg",))
+        if not isinstance(data["objects"], list) or not data["objects"]:
+            raise InputError("scene: 'objects' must list at least one object.")
         lens = Camera(
             _numbers(camera["position"], 3, "camera position"),
             _numbers(camera["target"], 3, "camera target"),

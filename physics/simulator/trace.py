@@ -154,10 +154,8 @@ class Tracer:
     def distances(self, size):
         """(height, width) m from the camera to what the pixels' middles see; infinite where that is
         sky."""
-        n = size[0] * size[1]
-        middle = np.full((n, 2), 0.5, np.float32)
-        direction = _camera_rays(0, 1, *size, _camera_frame(self.scene.camera), middle)
-        origin = np.broadcast_to(self.eye, (n, 3)).copy()
+        direction = view_directions(self.scene.camera, size)
+        origin = np.broadcast_to(self.eye, direction.shape).copy()
         hit = self._embree.run(origin, direction, query="INTERSECT", output=True)
         return np.where(hit["primID"] < 0, np.inf, hit["tfar"]).reshape(size)
 
@@ -171,6 +169,12 @@ class Tracer:
             blocked = self._embree.run(point[lit], towards, query="OCCLUDED") >= 0
             cosine[lit[blocked]] = 0
         return cosine
+
+
+def view_directions(camera, size):
+    """(height * width, 3) float32 unit vectors in which the pixels' middles look."""
+    middle = np.full((size[0] * size[1], 2), 0.5, np.float32)
+    return _camera_rays(0, 1, *size, _camera_frame(camera), middle)
 
 
 def _stratified(pixels, spp, rng, shuffled):

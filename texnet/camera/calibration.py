@@ -43,6 +43,7 @@ from physics.library import MaterialLibrary
 from physics.machinery import scratch
 from physics.planck import brightness_temperature
 
+from ..glance import LEAST_MATERIALS
 from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
@@ -63,7 +64,6 @@ AIR_LEAVES = 0.5
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
-LEAST_MATERIALS = 2  # to choose from
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
 # K that are tried, and nats per pixel: in four scenes outside the test sets surroundings that were
 # right to 1 K gained 0.05 at most, 30 K off 0.6 and more, 10 K off 0.14 and more with 54 bands and

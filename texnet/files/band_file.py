@@ -20,6 +20,8 @@ def read_bands(path):
         raise InputError(f"bands: {path} {wanted}.") from e
     if not all(column.ndim == 1 and np.isfinite(column).all() for column in columns):
         raise InputError(f"bands: {path} {wanted}.")
+    if columns[0].shape != columns[1].shape:
+        raise InputError(f"bands: {path} must hold one width, fwhm_um, for each wavelength_um.")
     return tuple(column.astype(np.float64) for column in columns)
 
 

@@ -212,16 +212,16 @@ def _tex1500(path, held, arrays, load):
         )
     s = np.moveaxis(s, axis, 0)
     axes = "height x width x bands" if axis else "bands x height x width"
-    words, good = [], None
+    words, good, doubt = [], None, ""
     if listed is not None:
-        good, words = _good_bands(listed, indices, len(s))
+        good, words, doubt = _good_bands(listed, indices, len(s))
     if good_alone:
         order = slice(None) if _is_mask(listed, len(s)) else np.argsort(listed)
         centre = np.zeros(len(s))  # of bad bands they are not known
         centre[good] = w[order]
         w, words = centre, [*words, f"{wavelength} is of these alone"]
     what = f"TeX-1500 {path.suffix}, {cube} ({axes}) over {wavelength}"
-    return RawCube(what, lambda: s, w, good=good, words=tuple(words))
+    return RawCube(what, lambda: s, w, good=good, words=tuple(words), doubt=doubt)
 
 
 def _where(s, found, listed):
@@ -251,14 +251,20 @@ def _is_mask(listed, bands):
 
 
 def _good_bands(listed, key, bands):
-    """((bands,) bool, words) of a mask of bands, or a list of indices, which count from 0."""
+    """((bands,) bool, words, doubt) of a mask of bands, or a list of indices, which count from 0
+    where they may."""
     if _is_mask(listed, bands):
-        return listed.astype(bool), [f"{key} is a mask"]
+        return listed.astype(bool), [f"{key} is a mask"], ""
     count_from = 1 if listed.size and listed.min() >= 1 and listed.max() == bands else 0
     good = np.isin(np.arange(bands) + count_from, listed)
     if np.count_nonzero(good) != listed.size:
         raise InputError(f"cube: {key} must hold indices of its {bands} bands, each once.")
-    return good, [f"{key} counts from {count_from}"]
+    doubt = ""
+    if count_from == 0 and 0 not in listed:
+        doubt = (
+            f"if {key} counts from 1, as MATLAB does, every band is one off; subtract 1 from it."
+        )
+    return good, [f"{key} counts from {count_from}"], doubt
 
 
 def _read_npy(path):

@@ -90,6 +90,8 @@ def write_cube(cube, path):
 def check_cube_path(path, *inputs):
     """Raise InputError, before the work, if no cube could be written at path, or if it is one of
     inputs, paths or None that are read."""
+    if Path(path).suffix.lower() not in _FORMATS:
+        raise InputError(f"cannot write a cube as {path}: its name must end in .exr or .npz.")
     _format(Path(path))
     check_writable(path, *inputs)
 
@@ -119,7 +121,7 @@ def _format(path):
     if path.suffix.lower() not in _FORMATS:
         kinds = " or ".join(_FORMATS)
         raise InputError(
-            f"cube: {path.name} is no cube file that is known here; use {kinds} (texnet import "
+            f"cube: {path} is no cube file that is known here; use {kinds} (texnet import "
             "makes one of ENVI, .mat, .npy)."
         )
     if path.suffix.lower() == ".exr":

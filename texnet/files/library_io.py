@@ -14,9 +14,12 @@ whether they hold emissivity or hemispherical reflectance; what no spectrum has 
 is left out.
 
 `.csv`: a `text_table` with one column a material, emissivity 0..1, of which 7 to 15 um are taken.
+
+`.json`: a library file, to name or add a sky.
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +44,8 @@ BIDIRECTIONAL = re.compile("bi-?directional(?! and (directional )?hemispherical)
 
 
 def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=False):
-    """Read the library at path (.mat, .csv, .hdr, .sli, .txt, or a folder of .txt; see the module).
+    """Read the library at path (.mat, .csv, .hdr, .sli, .txt, a folder of .txt, or .json; see the
+    module).
 
     wavenumbers_cm1  .mat only: of the first and of the last band, cm-1, equidistant
     names            .mat only: one per material, instead of the file's `matName`
@@ -56,16 +60,38 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     if not path.exists():
         raise InputError(f"library: there is no file {path}.")
     kind = ".txt" if path.is_dir() else path.suffix.lower()
-    if kind != ".mat" and kind not in READERS:
+    if kind not in (".mat", ".json") and kind not in READERS:
         raise InputError(
             f"library: {path.name} is no library file that is known here; use .mat, .csv, .hdr or "
-            ".sli of ENVI, .txt, or a folder of .txt."
+            ".sli of ENVI, .txt, or a folder of .txt, or .json to add or name a sky."
         )
     if kind != ".mat" and (wavenumbers_cm1 is not None or names is not None):
         raise InputError(
             f"library: {path.name} states its own bands and names; leave out --wavenumbers and "
             "--names, which are for .mat files."
         )
+    if kind == ".json":
+        library, words = MaterialLibrary.load(path), ["a library file of this kind"]
+    else:
+        library, words = _read(path, kind, wavenumbers_cm1, names)
+    names, words_on_sky = _named_sky(library.names, sky)
+    library = replace(library, names=names)
+    if add_sky and SKY in names:
+        raise InputError(f"library: it has a material {SKY!r} already; leave out --add-sky.")
+    if add_sky:
+        library = with_sky(library)
+        low, high = library.wavelength_um[[0, -1]]
+        words_on_sky = [f"with the starter library's sky, {low:.4g}-{high:.4g} um in common"]
+    elif SKY not in names:
+        words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
+    if kind != ".json":  # it says no hues: chosen last, they leave room for the sky's
+        library = replace(library, hue_deg=None)
+    note = "; ".join([*words, *words_on_sky])
+    return library, f"{path}: {note}.{_unusual(library)}"
+
+
+def _read(path, kind, wavenumbers_cm1, names):
+    """(MaterialLibrary, words) of a file that is not JSON."""
     try:
         if kind == ".mat":
             names, w, e, sources, words = _read_mat(path, wavenumbers_cm1, names)
@@ -73,22 +99,8 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
             names, w, e, sources, words = READERS[kind](path)
     except OSError as error:
         raise InputError(f"library: cannot read {path}: {error.strerror or error}.") from error
-    names, words_on_sky = _named_sky(names, sky)
     e, clipped = _within_0_and_1(e, names, w)
-    library = MaterialLibrary(names, w, e, descriptions=sources)
-    if add_sky and SKY in names:
-        raise InputError(f"library: it has a material {SKY!r} already; leave out --add-sky.")
-    if add_sky:
-        full = with_sky(library)
-        low, high = full.wavelength_um[[0, -1]]
-        words_on_sky = [f"with the starter library's sky, {low:.4g}-{high:.4g} um in common"]
-        library = MaterialLibrary(  # anew, so that hues leave room for the sky's
-            full.names, full.wavelength_um, full.emissivity, descriptions=full.descriptions
-        )
-    elif SKY not in names:
-        words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
-    note = "; ".join([*words, *clipped, *words_on_sky])
-    return library, f"{path}: {note}.{_unusual(library)}"
+    return MaterialLibrary(names, w, e, descriptions=sources), [*words, *clipped]
 
 
 def _unusual(library):

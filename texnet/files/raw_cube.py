@@ -66,6 +66,7 @@ class RawCube(NamedTuple):
     hint     what to say where centre is missing
     unit_said  what the file calls its unit
     words    more to tell the user
+    doubt    of how the file was read, a warning, or ""
     """
 
     what: str
@@ -83,6 +84,7 @@ class RawCube(NamedTuple):
     hint: str = ""
     unit_said: str = ""
     words: tuple = ()
+    doubt: str = ""
 
 
 def part_of(raw, rows=None, columns=None, range_um=None):
@@ -147,7 +149,7 @@ def heat_cube(raw, netd_k=None, progress=None):
         *said_of_bands,
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
-    warning += _thin(fwhm, w)
+    warning += _thin(fwhm, w) + (raw.doubt and f"\nWarning: {raw.doubt}")
     cube = HeatCube(radiance, w, fwhm, raw.netd_k if netd_k is None else netd_k)
     if dead := int(np.count_nonzero(cube.dead)):
         share = f" ({dead / cube.dead.size:.0%})" if dead > 0.01 * cube.dead.size else ""
