@@ -393,6 +393,8 @@ def test_the_command_fine_tunes_on_cubes(capfd, files, cache):
     code, out, _ = run(capfd, command(files, cache, "--cubes", files / "cube.npz"))
     assert code == 0 and "Eq. 1 loss" in out and (files / "out.safetensors").exists()
     assert "compare on a cube with a truth" in out
+    code, _, err = run(capfd, command(files, __file__, "--cubes", files / "cube.npz"))
+    assert code == 2 and "cannot make the folder" in err
 
 
 def help_of(capsys):

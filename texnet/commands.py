@@ -218,7 +218,7 @@ def train(args):
     from physics.machinery.whole_file import check_writable
 
     check_writable(args.out, suffix=".safetensors")
-    with _training() as report:
+    with _training(args.cache) as report:
         from training.train import train
 
         history = train(
@@ -241,7 +241,7 @@ def finetune(args):
     library = MaterialLibrary.load(args.library)
     cubes = [read_cube(path) for path in args.cubes]
     network, past = load_network(args.model)
-    with _training() as report:
+    with _training(args.cache) as report:
         from training.finetune import SCENES, finetune
 
         network, history = finetune(
@@ -265,10 +265,14 @@ def finetune(args):
 
 
 @contextmanager
-def _training():
+def _training(cache):
     """Yield a progress report; says what is missing, or after Ctrl-C how to go on."""
     from .progress import progress_bar
 
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(f"--cache: cannot make the folder {cache}: {e.strerror}.") from e
     try:
         with progress_bar() as report:
             yield report
