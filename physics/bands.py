@@ -49,7 +49,7 @@ def equidistant_bands(n, low_um=8.0, high_um=14.0):
     """n box bands side by side -> centres and widths, each (n,), in um."""
     if not (n >= 1 and float(n).is_integer() and 0 < low_um < high_um):
         raise InputError(
-            f"bands: need a whole number and 0 < low < high, got {n}, {low_um}, {high_um}."
+            f"bands: need a whole n >= 1 and 0 < low < high, got {n}, {low_um}, {high_um}."
         )
     width = (high_um - low_um) / n
     return low_um + width * (np.arange(n) + 0.5), np.full(n, width)

@@ -618,8 +618,9 @@ def test_equidistant_bands_tile_their_range():
     np.testing.assert_allclose(w[0] - f[0] / 2, 8.0)
     np.testing.assert_allclose(w[-1] + f[-1] / 2, 14.0)
     np.testing.assert_allclose(np.diff(w), f[:-1])
-    with pytest.raises(InputError, match="n >= 1"):
-        equidistant_bands(0)
+    for n in (0, 2.5, np.nan):
+        with pytest.raises(InputError, match="n >= 1"):
+            equidistant_bands(n)
 
 
 def test_progress_is_told_to_the_end():
