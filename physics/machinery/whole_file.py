@@ -8,11 +8,11 @@ from pathlib import Path
 from ..errors import InputError
 
 
-def check_writable(path, *inputs, suffix=None):
+def check_writable(path, *inputs, suffix=()):
     """Raise InputError, before hours of work, if a file could not be written at path.
 
     inputs  what is read, paths or None: none of them may be written over
-    suffix  that its name has to have; any if None
+    suffix  that its name has to have, or several, of which one; any if there is none
     """
     path = Path(path)
     target = _target(path)
@@ -27,8 +27,9 @@ def check_writable(path, *inputs, suffix=None):
     for other in inputs:
         if other is not None and _same_file(target, other):
             raise InputError(f"cannot write {path}: the command reads it; give another name.")
-    if suffix is not None and path.suffix.lower() != suffix:
-        raise InputError(f"cannot write {path}: its name must end in {suffix}.")
+    suffixes = (suffix,) if isinstance(suffix, str) else tuple(suffix)
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise InputError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}.")
 
 
 @contextmanager

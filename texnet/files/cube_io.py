@@ -90,10 +90,8 @@ def write_cube(cube, path):
 def check_cube_path(path, *inputs):
     """Raise InputError, before the work, if no cube could be written at path, or if it is one of
     inputs, paths or None that are read."""
-    if Path(path).suffix.lower() not in _FORMATS:
-        raise InputError(f"cannot write a cube as {path}: its name must end in .exr or .npz.")
+    check_writable(path, *inputs, suffix=_FORMATS)
     _format(Path(path))
-    check_writable(path, *inputs)
 
 
 def channel_name(wavelength_um):
