@@ -137,15 +137,20 @@ class MaterialLibrary(ReadOnly):
         little glow of their own they may look like anything. Raises InputError as `at`."""
         return self.at(wavelength_um).mean(axis=1) < MIRROR
 
+    def covers(self, wavelength_um):
+        """(...) bool: whether the library's curves reach to wavelengths (...) in um."""
+        w, (low, high) = np.asarray(wavelength_um), self.wavelength_um[[0, -1]]
+        return (w >= low - 1e-9) & (w <= high + 1e-9)
+
     def at(self, wavelength_um):
         """(materials, ...) emissivity at wavelengths (...) in um, linear in between.
 
         Raises InputError where the library's curves do not reach.
         """
         w = np.asarray(wavelength_um, dtype=np.float64)
-        low, high = self.wavelength_um[[0, -1]]
-        inside = (w >= low - 1e-9) & (w <= high + 1e-9)
+        inside = self.covers(w)
         if not inside.all():
+            low, high = self.wavelength_um[[0, -1]]
             # bands that reach beyond have centres within
             of_bands = lambda a: a.reshape(len(w) if w.ndim else 1, -1)
             bands = of_bands(w)[of_bands(inside).all(axis=1)].mean(axis=1)

@@ -13,7 +13,7 @@ from traced import averaged, one_thread, traced  # noqa: F401
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
 from physics.blind import library_from_cube
-from physics.cube.spectral_shift import STEP_UM, registered, spectral_shift
+from physics.cube.spectral_shift import registered, spectral_shift
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, planck
 from physics.sky import Atmosphere, sky_radiance
@@ -184,15 +184,12 @@ def test_the_answer_is_that_of_right_wavelengths():
     assert answer.spectral_shift_um == pytest.approx(0.23, abs=0.02)
     np.testing.assert_array_equal(answer.wavelength_um, wrong.wavelength_um)
     off = lambda d: np.median(np.abs(d.temperature_k - right.temperature_k))
-    # wavelengths that are two steps of the search off are left as they are
-    two_steps = decompose(stated(cube, 2 * STEP_UM), method="local", k=3)
-    assert two_steps.spectral_shift_um == 0 and off(answer) < off(two_steps)
-    assert (answer.material == right.material).mean() > 0.9
+    assert off(answer) < 0.1 and (answer.material == right.material).mean() > 0.9
     # an environment as measured by the same camera moves along
     environment = estimate_environment(cube, LIBRARY, 3)
     environment = replace(environment, wavelength_um=wrong.wavelength_um)
     given = decompose(wrong, method="local", environment=environment)
-    assert off(given) < off(two_steps)
+    assert off(given) < 0.1
 
 
 def test_the_command_says_so(tmp_path, capsys):
@@ -201,7 +198,7 @@ def test_the_command_says_so(tmp_path, capsys):
     out = ["--out", str(tmp_path / "a"), "--json"]
     assert main(["decompose", str(cube), "--method", "local", *out]) == 0
     text, result = capsys.readouterr().out.rsplit("\n", 2)[:2]
-    assert re.search("0.2[1-5] um more than stated", text)
+    assert re.search("0.2[23][0-9] um more than stated", text)
     assert json.loads(result)["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)
     with np.load(tmp_path / "a" / "decomposition.npz") as npz:
         assert npz["spectral_shift_um"] == pytest.approx(-0.23, abs=0.02)

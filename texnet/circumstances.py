@@ -4,9 +4,10 @@ wrong with or before the camera.
 Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
 are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`). Then come the
 environment, from the cube; a sky that is not in view, if nothing else explains the pixels, and the
-camera's gains or offset or the air before it, if these show them, or more noise, if nothing fits
-(`camera.calibration`); how much of that air is before each pixel (`camera.distances`); and the
-environment again, from the cube as a right camera would have shown it.
+camera's wavelengths, gains or offset or the air before it, if these show them, or more noise, if
+nothing fits (`camera.calibration`); how much of that air is before each pixel
+(`camera.distances`); and the environment again, from the cube as a right camera would have shown
+it.
 """
 
 from dataclasses import replace
@@ -23,13 +24,13 @@ from physics.estimate import USUAL_OBJECTS, completed, estimate_environment
 from physics.machinery.blas import no_blas_threads
 
 from .camera.calibration import calibration, error_of_given, sky_is_likelier
-from .camera.correction import RIGHT, Calibration, corrected
+from .camera.correction import Calibration, corrected
 from .camera.distances import distances
 from .progress import compiling
 
 
 class Circumstances(NamedTuple):
-    """ready                Prepared, before anything was corrected
+    """ready                Prepared, at the wavelengths that were found, nothing else corrected
     saturated            (height, width) bool: its pixels that are
     cube                 HeatCube that a right camera would have shown, with no air before it
     environment          Environment of that;  sky_assumed: True where its sky is not in view
@@ -71,11 +72,11 @@ def circumstances(
     cold, is_hot, _ = split_hot(ready.cube)
     how = dict(looks=looks, library=library, left_out=ready.cube.dead | beyond | is_hot)
     if environment is None:
-        found = _with_estimated(ready.cube, cold, k, seed, how, lap, progress)
+        found = _with_estimated(ready, cold, k, seed, how, lap, progress)
     else:
-        found = _with_given(ready.cube, cold, environment, how, lap)
+        found = _with_given(ready, cold, environment, how, lap)
     lap("calibration")
-    return Circumstances(ready=ready, saturated=beyond, **found)
+    return Circumstances(saturated=beyond, **found)
 
 
 def _at_true_bands(given, cube, ready, library, seed):
@@ -87,19 +88,19 @@ def _at_true_bands(given, cube, ready, library, seed):
     return completed(given, ready.cube, library, seed)
 
 
-def _with_given(cube, cold, given, how, lap):
-    """What is found of a HeatCube in an Environment that was given. cold is the cube without what
+def _with_given(ready, cold, given, how, lap):
+    """What is found of a Prepared in an Environment that was given. cold is its cube without what
     is far hotter; how holds `calibration`'s other arguments."""
     lap("environment")
     found, error_k = error_of_given(cold, given, **how)
     return dict(
-        cube=corrected(cube, found) if found != RIGHT else cube,
+        ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
         environment=given.off_by(error_k) if error_k else given, environment_error_k=error_k,
         sky_assumed=False, found=found, distance_m=None,
     )  # fmt: skip
 
 
-def _with_estimated(cube, cold, k, seed, how, lap, progress):
+def _with_estimated(ready, cold, k, seed, how, lap, progress):
     """The same in an Environment of k objects that is estimated, and estimated again once the cube
     is corrected; with a sky that is assumed, where that explains the pixels."""
     library = how["library"]
@@ -111,32 +112,43 @@ def _with_estimated(cube, cold, k, seed, how, lap, progress):
         from physics.support import supported_count  # numba takes a second to load
 
         with compiling(progress):
-            return supported_count(cube, library, seed, assume_sky)
+            return supported_count(ready.cube, library, seed, assume_sky)
+
+    def calibrated(environment, assumed=False, in_view=True):
+        """Calibration, and the Environment at the wavelengths that it shows."""
+        nonlocal ready, cold
+        found = calibration(cold, environment, **how, in_view=in_view)
+        if found.shift_um:
+            ready, cold = (of.moved(found.shift_um) for of in (ready, cold))
+            environment = estimate(ready.cube, objects, assumed)
+            found = calibration(cold, environment, **how, in_view=in_view, moved=True)
+        return found, environment
 
     counting = k in (None, "auto")
-    objects = min(USUAL_OBJECTS, cube.measured_count) if counting else k
-    environment = estimate(cube, objects)
+    objects = min(USUAL_OBJECTS, ready.cube.measured_count) if counting else k
+    environment = estimate(ready.cube, objects)
     if counting and environment.sky:
         counting = False
         if k == "auto":
             objects = supported()
-            environment = estimate(cube, objects)
+            environment = estimate(ready.cube, objects)
     lap("environment")
-    found, assumed, metres = calibration(cold, environment, **how), False, None
-    if not environment.sky and (under := estimate(cube, objects, assume_sky=True)).sky:
+    (found, environment), assumed, metres = calibrated(environment), False, None
+    if not environment.sky and (under := estimate(ready.cube, objects, assume_sky=True)).sky:
         assumed = sky_is_likelier(cold, environment, found, under, **how)
     if counting:
         objects = supported(assumed)
     if counting or assumed:
-        environment = estimate(cube, objects, assumed)
-        found = calibration(cold, environment, **how, in_view=False)
+        environment = estimate(ready.cube, objects, assumed)
+        found, environment = calibrated(environment, assumed, in_view=False)
+    cube = ready.cube
     if found.air:
         through = estimate(corrected(cube, found), objects, assumed)
         metres = distances(cold, through, how["looks"](), len(library), found)
-    if found != RIGHT:
+    if not found.keeps_cube:
         cube = corrected(cube, found, metres)
         environment = estimate(cube, objects, assumed)
     return dict(
-        cube=cube, environment=environment, environment_error_k=0.0, sky_assumed=assumed,
-        found=found, distance_m=metres,
+        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
+        sky_assumed=assumed, found=found, distance_m=metres,
     )  # fmt: skip

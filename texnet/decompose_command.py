@@ -125,7 +125,7 @@ def _of_answer(d, cube):
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
         "band_gains": d.band_gains, "offset_k": d.offset_k, "air_m": d.air_m, "air_k": d.air_k,
-        "calibration_error_k": d.calibration_error_k,
+        "calibration_error_k": d.calibration_error_k, "suspected_error_k": d.suspected_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": SKY in d.material_names,
         # no object stands for it where there is one alone
@@ -248,8 +248,8 @@ def _corrections(r):
         yield f"Left out     {band['wavelength_um']:.4g} um: {band['why']}"
     if shift := r["spectral_shift_um"]:
         yield (
-            f"Wavelengths  {abs(shift):.2f} um {'less' if shift > 0 else 'more'} than stated, by "
-            "where the sky shows its ozone"
+            f"Wavelengths  {abs(shift):.3f} um {'less' if shift > 0 else 'more'} than stated, by "
+            "the sky's ozone and by what fits"
         )
     without = "by what fits: all is of the cube without that"
     if off := r["gain"] - 1 or r["offset_k"]:
@@ -257,6 +257,11 @@ def _corrections(r):
         yield f"Calibration  radiance {much} too {'high' if off > 0 else 'low'}, {without}"
     if off := np.std(r["band_gains"]):
         yield f"Bands        off among each other by {off:.2%}, {without}"
+    if error := r["suspected_error_k"]:
+        yield (
+            f"Suspected    a gain, an offset or air before the camera, but none by far: T may be "
+            f"off by {error:.1f} K, which sigma holds"
+        )
     if metres := r["air_m"]:
         yield (
             f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "

@@ -78,6 +78,8 @@ class Decomposition:
     distance_m            (height, width) m of that air before each pixel; None where there is too
                           little to tell
     calibration_error_k   as it was stated, K at 300 K
+    suspected_error_k     K at 300 K by which all radiance may be off, where a gain, an offset or
+                          air is likelier than none, but not by far; sigma takes it into account
     environment_error_k   K by which an environment that was given is likely off, and which T and
                           its sigma take into account; 0 where it fits
     left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
@@ -121,6 +123,7 @@ class Decomposition:
     air_k: float = math.nan
     distance_m: np.ndarray | None = None
     calibration_error_k: float = 0.0
+    suspected_error_k: float = 0.0
     environment_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
     objective: tuple[float, ...] = ()
@@ -227,8 +230,8 @@ def decompose(
         hue_deg=library.hue_deg, camera_netd_k=ready.camera_netd_k,
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
-        environment_error_k=of.environment_error_k, left_out=ready.left_out,
-        objective=maps.get("objective", ()), seconds=seconds,
+        suspected_error_k=found.suspected_k, environment_error_k=of.environment_error_k,
+        left_out=ready.left_out, objective=maps.get("objective", ()), seconds=seconds,
     )  # fmt: skip
 
 

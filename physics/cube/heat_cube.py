@@ -186,6 +186,10 @@ class HeatCube(ReadOnly):
         bands = scratch.parts(self.radiance)
         return np.stack([band.reshape(-1)[index].astype(np.float64) for band in bands], axis=1)
 
+    def moved(self, shift_um):
+        """The HeatCube whose bands lie so many um lower than they were said to."""
+        return replace(self, wavelength_um=self.wavelength_um - shift_um)
+
     def only(self, good):
         """The HeatCube of some of its bands, (bands,) bool."""
         radiance = scratch.empty((np.count_nonzero(good), *self.shape), np.float32)

@@ -22,6 +22,11 @@ class Prepared(NamedTuple):
     stated_um: np.ndarray
     camera_netd_k: float
 
+    def moved(self, shift_um):
+        """The Prepared whose bands are taken to be so many um less than they were."""
+        shift = round(self.shift_um + shift_um, 5)
+        return self._replace(cube=self.cube.moved(shift_um), shift_um=shift)
+
 
 def prepared(cube, library):
     """The Prepared of a HeatCube for a MaterialLibrary. Raises InputError where the noise is not

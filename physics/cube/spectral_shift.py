@@ -34,7 +34,8 @@ AIR_EXCESS_K = np.linspace(-2, 12, 15)[:, None, None]  # of the air over what th
 GREYS = np.linspace(0.02, 1, 50)[:, None]
 # skies that are tried: air masses, vapour over the usual, and Dobson units
 MASSES, WATER, OZONE_DU = np.geomspace(1, 38, 9), (0.3, 1.0, 2.5), (220.0, 320.0, 450.0)
-FINE_UM = np.arange(LOW_UM - 0.7, HIGH_UM + 0.7, 0.01)  # at which they are computed
+FINE_STEP_UM = 0.01
+FINE_UM = np.arange(LOW_UM - 0.7, HIGH_UM + 0.7, FINE_STEP_UM)  # at which they are computed
 
 
 def registered(cube, library):
@@ -44,11 +45,9 @@ def registered(cube, library):
     shift = spectral_shift(cube, library)
     if not shift:
         return cube, 0.0
-    low, high = library.wavelength_um[[0, -1]]
 
     def inside(w):
-        nodes = quadrature(w, cube.fwhm_um)
-        return (nodes.min(axis=1) >= low) & (nodes.max(axis=1) <= high)
+        return library.covers(quadrature(w, cube.fwhm_um)).all(axis=1)
 
     w = cube.wavelength_um - shift
     kept = inside(w) | ~inside(cube.wavelength_um)  # a library for other bands is an error
@@ -78,7 +77,9 @@ def spectral_shift(cube, library):
         return float((np.diff(off) ** 2).mean(axis=-1).min() ** 0.5)
 
     def as_sky(shift):
-        at = np.stack([np.interp(nodes - shift, FINE_UM, sky).mean(axis=-1) for sky in skies])
+        before, share = np.divmod((nodes - shift - FINE_UM[0]) / FINE_STEP_UM, 1)
+        below = before.astype(int)
+        at = ((1 - share) * skies[:, below] + share * skies[:, below + 1]).mean(axis=-1)
         return misfit(planck(w - shift, air_k) * at)
 
     farthest = round(FARTHEST_UM / STEP_UM)

@@ -1,9 +1,9 @@
 """What is wrong with or before the camera, where the scene itself shows it. The map:
 
-calibration     all of it, and how much noise there is
-gain_or_offset  a gain or an offset of all bands
-band_gains      gains of the bands among each other
-air_between     how much air lies before the camera
-distances       how much of it before each pixel
-correction      what a right camera, with no air before it, would have shown
+calibration  all of it, and how much noise there is
+one_error    a gain or an offset of all bands, or wavelengths that are off
+band_gains   gains of the bands among each other
+air_between  how much air lies before the camera
+distances    how much of it before each pixel
+correction   what a right camera, with no air before it, would have shown
 """

@@ -15,7 +15,7 @@ what is right may lie beyond, or be something else.
 """
 
 from .correction import RIGHT
-from .gain_or_offset import losses
+from .one_error import losses
 
 METRES = tuple(10.0 * 2**i for i in range(9))
 FINER = 2**-0.5, 1.0, 2**0.5  # of the distance, in the end

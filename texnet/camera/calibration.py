@@ -1,10 +1,13 @@
 """What is wrong with or before the camera, and how much noise, where the scene itself shows it.
 
-First a gain or an offset of all bands (`gain_or_offset`), which is taken if with it the pixels fit;
-else the air before the camera (`air_between`), which is if they fit or most of what does not is
-gone, as it need not be as much everywhere. It must make the pixels likelier also at the noise that
-it takes without: at the noise that is stated bands that are off pass for hot air, behind which
-mirrors fit nearly everything.
+First the wavelengths, a gain or an offset of all bands (`one_error`). If the wavelengths are off,
+all else waits until they are right. A gain or an offset is taken if with it the pixels fit; else
+the air before the camera (`air_between`), which is if they fit or most of what does not is gone, as
+it need not be as much everywhere. It must make the pixels likelier also at the noise that it takes
+without: at the noise that is stated bands that are off pass for hot air, behind which mirrors fit
+nearly everything. What is suspected, likelier than none or than the air that was taken, but for
+SUSPECT nats, and what is likelier but does not fit, puts T into doubt by as much as T would be
+another with it (`moved_k`).
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -35,6 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from physics.air import Air
+from physics.bands import quadrature
 from physics.cube.heat_cube import MAX_NETD_K, HeatCube
 from physics.environment import Environment
 from physics.errors import Implausible
@@ -48,7 +52,7 @@ from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, corrected, corrected_environment
-from .gain_or_offset import first_look, gain_or_offset, losses
+from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
@@ -56,11 +60,13 @@ LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of 
 LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
 SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them among
 QUARTER = 0.25  # of the pixels: those that fit best
+MOST = 0.68  # of the pixels, as of errors within a standard deviation
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
 # of the misfit beyond noise, at most, where air is taken out: on eight scenes used for tuning 0 to
-# 0.4, and where something else was wrong 0.6 and more
-AIR_LEAVES = 0.5
+# 0.4, and where something else was wrong 0.6 and more; and where it is suspected: 0.5 to 0.8 behind
+# much damp air of wrong lines, 0.86 and more where curves were wrong
+AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
@@ -72,14 +78,16 @@ ERRORS_K, ERROR_WORTH = (3.0, 10.0, 30.0), 0.15
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
 
-def calibration(cube, environment, looks, library, left_out=None, in_view=True):
+def calibration(cube, environment, looks, library, left_out=None, in_view=True, moved=False):
     """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
-    RIGHT if nothing is wrong, or too little is there to say so.
+    RIGHT if nothing is wrong, or too little is there to say so. Where its wavelengths are off it
+    says that alone: all else is to be asked of the cube and an environment at those it shows.
 
     looks     as a `methods.Method` has it
     library   MaterialLibrary of what may be seen
     left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
     in_view   whether the environment's sky, if it has one, is in view, not assumed
+    moved     whether that was done, and they are not asked for again
     """
     part = _sample(cube, left_out)
     if part is None:
@@ -88,28 +96,43 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True):
     scene = _Scene(part, environment, library, looks)
     just = _just(cube)
     nats_of = cache(partial(scene.nats, looks()))
+    kinds = LEVELS if moved else (*LEVELS, shift(cube.wavelength_um))
+    camera, suspected = one_error(nats_of, sky, kinds)
+    if camera.shift_um:
+        return camera
     found, misfit = RIGHT, scene.left(RIGHT)
     noise = _with_noise(RIGHT, misfit, cube).noise  # that it takes if nothing else is wrong
-    tried = {RIGHT}
-    for likelier in _likelier(nats_of, part, environment, sky):
+    tried, unfit = {RIGHT}, []
+    for likelier in _likelier(nats_of, camera, part, environment, sky):
         if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
             continue
         tried.add(likelier)
         left = scene.left(likelier)
-        if left <= just + RISE or likelier.air and left - 1 < AIR_LEAVES * (misfit - 1):
+        share = (left - 1) / max(misfit - 1, 1e-9)
+        if left <= just + RISE or likelier.air and share < AIR_LEAVES:
             found, misfit = likelier, left
             break
+        if not likelier.air or share < AIR_MAY_LEAVE:
+            unfit.append(likelier)
     if misfit > just + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
         if evened is not None and (less := scene.left(evened)) <= just:
             found, misfit = evened, less
+    if found.bands:  # whose gains are many enough to make up for any error of all
+        suspected = [c for c in suspected if scene.left(c) <= just + RISE]
+    else:
+        suspected = [*suspected, *unfit]
+        loss = losses({c: nats_of(c) for c in (found, *suspected)})
+        suspected = [c for c in suspected if loss[c] <= loss[found] + SUSPECT]
+    if suspected:
+        moved_k = [scene.moved_k(c, found) for c in suspected]
+        found = found._replace(suspected_k=float(np.sqrt(np.mean(np.square(moved_k)))))
     return _with_noise(found, misfit, cube)
 
 
-def _likelier(nats_of, part, environment, sky):
+def _likelier(nats_of, camera, part, environment, sky):
     """The Calibrations by which pixels, a HeatCube, are likelier in an Environment than by a right
-    camera: a gain or an offset, and, where the sky is in view, that and air between, or air."""
-    camera = gain_or_offset(nats_of, sky)
+    camera: its one error, and, where the sky is in view, that and air between, or air."""
     yield camera
     if sky and len(environment) >= LEAST_OBJECTS:
         air_of = partial(Air.of, wavelength_um=part.wavelength_um, fwhm_um=part.fwhm_um)
@@ -199,7 +222,7 @@ def error_of_given(cube, environment, looks, library, left_out=None):
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return noisy, 0.0
     nats_of = cache(partial(of[0.0].nats, look))
-    cameras = *first_look(), gain_or_offset(nats_of, environment.sky_mean is not None)
+    cameras = *first_look(LEVELS), one_error(nats_of, environment.sky_mean is not None, LEVELS)[0]
     loss = losses(all_nats | {c: nats_of(c) for c in cameras})
     return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
@@ -223,10 +246,22 @@ class _Scene(NamedTuple):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
         try:
             surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
+            if not self.library.covers(quadrature(part.wavelength_um, part.fwhm_um)).all():
+                return np.full(part.radiance[0].size, np.inf)
             nats = -self.maps(surroundings, part, look)["log_evidence"].ravel().astype(np.float64)
         except Implausible:  # nothing looks like that
             return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)
+
+    def moved_k(self, *calibrations):
+        """K by which T of most of the ground differs between two Calibrations."""
+        one, other = (
+            self.maps(corrected_environment(self.environment, c), corrected(self.part, c))
+            for c in calibrations
+        )
+        moved = np.abs(one["temperature_k"] - other["temperature_k"])
+        moved = moved[(one["material"] != self.library.sky_index) & np.isfinite(moved)]
+        return float(np.quantile(moved, MOST)) if moved.size >= LEAST_GROUND else 0.0
 
     def quartile(self, maps):
         """What is left, in noise units, even of the ground's pixels that fit best."""

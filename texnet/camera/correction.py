@@ -1,7 +1,8 @@
 """A camera's Calibration, and what a right camera, with no air before it, would have shown instead.
 
 A camera of gain g, bands' gains g_b and offset o shows g g_b S'_b + o of the radiance S'_b before
-it, which is that of the scene, S_b, or what air lets through of it (`physics.air`).
+it, which is that of the scene, S_b, or what air lets through of it (`physics.air`), of bands b that
+may lie at other wavelengths than it says.
 """
 
 import math
@@ -24,25 +25,35 @@ class Calibration(NamedTuple):
     """What is wrong with a camera, or before it.
 
     gain, offset_k  of all bands together, the offset in K at 300 K
+    shift_um  by which their wavelengths are stated too long
     noise    factor on the stated NETD
     misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
     shared   error that all bands may share for it, in stated noise units
+    suspected_k  error that they may share beside that, K at 300 K, by a gain, an offset or air that
+             is likelier than none, but not by far
     bands    their gains among each other; () if they agree
     air      Air between scene and camera; None if there is too little to tell
     """
 
     gain: float = 1.0
     offset_k: float = 0.0
+    shift_um: float = 0.0
     noise: float = 1.0
     misfit: float = 1.0
     shared: float = 0.0
+    suspected_k: float = 0.0
     bands: tuple[float, ...] = ()
     air: Air | None = None
 
     @property
+    def keeps_cube(self):
+        """Whether nothing is wrong that would be corrected."""
+        return self._replace(suspected_k=0.0) == RIGHT
+
+    @property
     def keeps_radiance(self):
-        """Whether nothing is wrong but the noise."""
-        return self._replace(noise=1.0, misfit=1.0, shared=0.0) == RIGHT
+        """Whether nothing is but the noise and the wavelengths."""
+        return self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0).keeps_cube
 
     def of_bands(self, n):
         """(n,) the gains among each other of so many bands."""
@@ -58,31 +69,33 @@ def corrected(cube, c, distance_m=None):
     Calibration's Air."""
     noise = c.noise * (c.air.noise if c.air else 1.0)
     netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
+    w = cube.wavelength_um - c.shift_um
     if c.keeps_radiance:
-        return replace(cube, netd_k=netd_k)
-    at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, cube)
-    all_of = np.array([_offset_and_gain(cube.wavelength_um, c) for c in some], np.float32)
+        return replace(cube, wavelength_um=w, netd_k=netd_k)
+    at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, w, cube.fwhm_um)
+    all_of = np.array([_offset_and_gain(w, c) for c in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
         offset, gain = all_of[at, 0, b], all_of[at, 1, b]
         radiance[b] = _corrected(band, offset, gain)
         scratch.release(radiance)
     radiance.setflags(write=False)
-    return replace(cube, radiance=radiance, netd_k=netd_k)
+    return replace(cube, radiance=radiance, wavelength_um=w, netd_k=netd_k)
 
 
-def _by_distance(distance_m, c, cube):
+def _by_distance(distance_m, c, wavelength_um, fwhm_um):
     """Indices (height, width) into some Calibrations, and these, which have as much Air as is
     before each pixel, to STEP."""
     steps = np.round(np.log(distance_m / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
-    of = partial(Air.of, wavelength_um=cube.wavelength_um, fwhm_um=cube.fwhm_um)
+    of = partial(Air.of, wavelength_um=wavelength_um, fwhm_um=fwhm_um)
     metres = [c.air.metres * math.exp(STEP * n) for n in numbers]
     return steps - numbers[0], [c._replace(air=of(m, c.air.temperature_k)) for m in metres]
 
 
 def corrected_environment(environment, c):
     """The Environment likewise. No air is before the sky that lights it from overhead."""
+    environment = replace(environment, wavelength_um=environment.wavelength_um - c.shift_um)
     offset, gain = _offset_and_gain(environment.wavelength_um, c)
     own_offset, own_gain = _offset_and_gain(environment.wavelength_um, c._replace(air=None))
     radiance, sky = _corrected(environment.radiance, offset, gain), list(environment.sky)

@@ -22,7 +22,7 @@ from physics.expected import Expected
 
 from ..glance import PATCH, from_afar
 from .correction import corrected
-from .gain_or_offset import lowest
+from .one_error import lowest
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
 SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2

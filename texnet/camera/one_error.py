@@ -1,0 +1,145 @@
+"""A gain, an offset or wrong wavelengths of the camera, where the scene itself shows one of them.
+
+A camera of gain g and offset o shows g S + o. Of Eq. 1 only the glow is known beforehand; the
+light that is reflected was seen by the same camera, so that with e, T and V as they are it shows
+
+    g S + o = e (g B(T) + o) + (1 - e) X',       X' = g X + o
+
+g B(T) is B at no other T. One pixel's V may make up for that, but in many pixels V would have to
+leave the simplex. An offset shows less: what it adds to a body at 300 K looks like another T, and
+only colder surfaces tell them apart. Wavelengths off by a tenth of a band move the flanks of all
+curves, and of the sky's lines, at once; a gain of half a per cent looks half like that.
+
+Of all gains alone, all offsets alone and all shifts alone that one is taken by which the pixels are
+likeliest, if it is by far, if not one of another kind does nearly as well, and if it is not the
+last that was tried; an offset only where the sky is in view. A gain or an offset that is likelier
+than none, but not by as much, is suspected. A pixel counts at most ENOUGH nats: what the library
+does not explain has no more to say.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from .correction import RIGHT, Calibration
+
+ENOUGH = 5.0  # nats above the typical pixel's
+SUSPECT = 0.25  # nats per pixel over a right camera, and at most as many below the likeliest
+
+
+class Kind(NamedTuple):
+    """What may be wrong: of(error) is its Calibration; the steps of the search and how far it
+    goes; which errors are looked at first; the least that counts, and the nats per pixel that it
+    must gain, and more than any other kind."""
+
+    of: Callable
+    step: float
+    most: float
+    first: tuple[float, ...]
+    least: float
+    worth: float
+    lead: float
+
+
+class Best(NamedTuple):
+    """The error of a kind by which the pixels are likeliest, its Calibration, and whether the
+    search ended there."""
+
+    kind: Kind
+    error: float
+    calibration: Calibration
+    at_end: bool
+
+
+GAIN = Kind(
+    lambda error: Calibration(gain=1 + error), 0.01, 0.15, (0.01, 0.03, 0.1), 0.0075, 1.0, 0.25
+)
+OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (1.0,), 0.5, 2.0, 0.25)
+LEVELS = GAIN, OFFSET
+
+
+def shift(wavelength_um):
+    """The Kind of bands (bands,) in um that are all off by parts of the distance between them."""
+    spacing = float(np.median(np.diff(wavelength_um)))
+    of = lambda error: Calibration(shift_um=round(error * spacing, 5))
+    return Kind(of, 0.1, 0.6, (0.1, 0.3), 0.05, 0.5, 0.05)
+
+
+def one_error(nats_of, sky, kinds):
+    """The Calibration by which the pixels are likeliest, RIGHT if none is by far; and then those of
+    LEVELS that are suspected.
+
+    nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
+             nothing looks like that; remembered
+    sky      whether it is in view
+    kinds    of errors that are looked for
+
+    A first look at a few errors tells whether there is anything to find. Then all steps of all
+    kinds are tried, half a step around the best of each, and the lowest of a parabola there.
+    """
+    tried = [RIGHT, *first_look(kinds)]
+    loss = losses({c: nats_of(c) for c in tried}, np.median(nats_of(RIGHT)))
+    if min(loss, key=loss.get) == RIGHT:
+        return RIGHT, ()
+    best = [_best_of(kind, tried, nats_of) for kind in kinds]
+    loss = losses({c: nats_of(c) for c in (RIGHT, *(b.calibration for b in best))})
+    one, *others = sorted(best, key=lambda b: loss[b.calibration])
+    gained = loss[RIGHT] - loss[one.calibration]
+    lead = {b: loss[b.calibration] - loss[one.calibration] for b in others}
+    enough = gained >= one.kind.worth and abs(one.error) >= one.kind.least
+    alone = min(lead.values()) >= one.kind.lead
+    # what is right may lie beyond (a shift's is for the ozone to show)
+    nearly = [b for b in others if b.kind in LEVELS and lead[b] < gained / 2]
+    ends = one.at_end or any(b.at_end for b in nearly)
+    # a sky that was missed looks like an offset
+    if enough and alone and not ends and (sky or one.kind is not OFFSET):
+        return one.calibration, ()
+    least = min(loss[RIGHT] - SUSPECT, loss[one.calibration] + SUSPECT)
+    return RIGHT, tuple(
+        b.calibration
+        for b in best
+        if b.kind in LEVELS and not b.at_end and loss[b.calibration] <= least
+    )
+
+
+def first_look(kinds):
+    """The Calibrations that tell whether there is anything of these kinds to find."""
+    return [k.of(sign * error) for k in kinds for error in k.first for sign in (-1, 1)]
+
+
+def _best_of(kind, tried, nats_of):
+    """The Best of a Kind; the Calibrations of its search are added to those tried."""
+
+    def likeliest(errors):
+        of = {kind.of(e): e for e in errors}
+        tried.extend(of)
+        loss = losses({c: nats_of(c) for c in tried})
+        return of[min(of, key=loss.get)], [loss[c] for c in of]
+
+    n, half = round(kind.most / kind.step), kind.step / 2
+    step, _ = likeliest([kind.step * i for i in range(-n, n + 1) if i])
+    if abs(step) > kind.most - half:
+        return Best(kind, step, kind.of(step), at_end=True)
+    around = [step + side * half for side in (-1, 0, 1)]
+    _, loss = likeliest(around)
+    error, _ = likeliest([*around, round(step + half * float(lowest(*loss)), 4)])
+    return Best(kind, error, kind.of(error), at_end=False)
+
+
+def losses(all_nats, typical=None):
+    """{what: nats per pixel} of {what: minus log evidence of pixels (P,)}, of which none counts
+    more than ENOUGH over the typical pixel's: that of the likeliest if None."""
+    if typical is None:
+        typical = min(np.median(nats) for nats in all_nats.values())
+    return {c: np.minimum(nats, typical + ENOUGH).mean() for c, nats in all_nats.items()}
+
+
+def lowest(below, at, above):
+    """Where parabolas through values at -1, 0 and 1 are least, within these; 0 where they are
+    straight lines, or the wrong way up."""
+    curvature = np.asarray(below - 2 * at + above)
+    minimum = np.divide(
+        below - above, 2 * curvature, out=np.zeros(curvature.shape), where=curvature > 0
+    )
+    return np.clip(minimum, -1, 1)
