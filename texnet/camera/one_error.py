@@ -55,7 +55,7 @@ class Best(NamedTuple):
 GAIN = Kind(
     lambda error: Calibration(gain=1 + error), 0.01, 0.15, (0.01, 0.03, 0.1), 0.0075, 1.0, 0.25
 )
-OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (1.0,), 0.5, 2.0, 0.25)
+OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (0.5, 1.0), 0.5, 2.0, 0.25)
 LEVELS = GAIN, OFFSET
 
 
