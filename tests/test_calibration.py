@@ -15,7 +15,7 @@ from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
 from texnet.camera.calibration import calibration
 from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
-from texnet.camera.one_error import GAIN
+from texnet.camera.one_error import GAIN, LEVELS, one_error, shift_kind
 from texnet.files.cube_io import write_cube
 from texnet.pipeline import METHODS, decompose
 from texnet.uncertainty import shared_error_k
@@ -111,26 +111,32 @@ def test_wavelengths_off_by_tenths_of_a_band_are_found(name, bands, method, shar
 
 
 def test_no_band_is_moved_out_of_the_library():
-    """A library that ends with the bands: they can but be moved inwards."""
+    """A library that reaches a fifth of a band beyond the last: a shift of as much is found, one of
+    more is not taken for what little can be tried."""
     cube, _ = traced("forest", 54)
-    half = cube.fwhm_um[[0, -1]] / 2
-    low, high = cube.wavelength_um[[0, -1]] + half * (-1, 1)
-    w = np.linspace(low, high, 200)
-    tight = replace(LIBRARY, wavelength_um=w, emissivity=LIBRARY.at(w))
+    w, spacing = cube.wavelength_um, np.diff(cube.wavelength_um)[0]
+    curves = np.linspace(7.5, w[-1] + cube.fwhm_um[-1] / 2 + 0.2 * spacing, 400)
+    tight = replace(LIBRARY, wavelength_um=curves, emissivity=LIBRARY.at(curves))
+    of = lambda bands: replace(cube, wavelength_um=w + bands * spacing)
     assert decompose(cube, tight).spectral_shift_um == 0
+    assert decompose(of(0.1), tight).spectral_shift_um == pytest.approx(0.1 * spacing, rel=0.15)
+    assert decompose(of(-0.1), tight).spectral_shift_um == pytest.approx(-0.1 * spacing, rel=0.15)
 
 
 @pytest.mark.parametrize(
-    ("name", "c"), [("forest", Calibration(1.005)), ("street", Calibration(1.0, 0.8))]
+    ("name", "c"), [("forest", Calibration(1.005)), ("street", Calibration(offset_k=0.8))]
 )
 def test_what_is_suspected_but_not_sure_is_in_sigma(name, c):
     cube, truth = traced(name, 54)
     ground = names_of(truth) != "sky"
     d = decompose(shown(cube, c))
     error = np.abs(d.temperature_k - truth.temperature_k)[ground]
+    sigma = d.temperature_sigma_k[ground]
+    without = np.sqrt(sigma**2 - d.suspected_error_k**2)
     assert (d.gain, d.offset_k) == (1, 0) and np.median(error) > 0.3
-    assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
-    assert 0.2 < d.suspected_error_k < 2
+    assert (error < 2 * sigma).mean() > 0.95 > 0.8 > (error < 2 * without).mean()
+    # about as much as T would be another, not several times that
+    assert np.median(error) / 2 < d.suspected_error_k < 4 * np.median(error)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +159,7 @@ def test_nothing_else_is_taken_for_it(name, bands):
     ]  # fmt: skip
     for of, library in cases:
         d = decompose(of, library)
-        assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
+        assert (d.gain, d.offset_k, d.spectral_shift_um) == (1, 0, 0) and (d.band_gains == 1).all()
     for method in ("net+sgd", "local"):
         assert decompose(cube, method=method).netd_k == cube.netd_k
 
@@ -369,6 +375,55 @@ def test_the_command_says_so(tmp_path, capsys):
 
 
 # --- what is taken, of evidence made up --------------------------------------------------
+
+SPACING_UM = 0.2
+KINDS = *LEVELS, shift_kind(SPACING_UM * np.arange(10) + 8)
+
+
+def one(kinds=KINDS, sky=True, **peaks):
+    """(Calibration taken, those suspected) where gain, offset and shift (in bands) are likelier at
+    one place each, by so many nats: name=(error, nats)."""
+
+    def nats_of(c):
+        errors = dict(gain=c.gain - 1, offset=c.offset_k, shift=c.shift_um / SPACING_UM)
+        width = dict(gain=0.01, offset=0.5, shift=0.1)
+        gains = 0.0
+        for name, (error, nats) in peaks.items():
+            alone = all(abs(e) < 1e-9 for other, e in errors.items() if other != name)
+            gains += nats * alone * np.exp(-(((errors[name] - error) / width[name]) ** 2))
+        return np.full(100, 10.0 - gains)
+
+    return one_error(nats_of, sky, kinds)
+
+
+def test_a_shift_is_taken_that_leads():
+    found, suspected = one(shift=(0.23, 1.0), gain=(0.03, 0.8))
+    assert found.shift_um == pytest.approx(0.23 * SPACING_UM, rel=0.05) and suspected == ()
+    assert found._replace(shift_um=0.0) == RIGHT
+    assert one(shift=(0.23, 0.4))[0] == RIGHT  # not worth it
+    assert one(shift=(0.6, 2.0))[0] == RIGHT  # what is right may lie beyond
+    assert one(KINDS[:2], shift=(0.23, 1.0)) == (RIGHT, ())  # not looked for
+
+
+def test_what_two_kinds_explain_alike_is_suspected():
+    found, suspected = one(gain=(0.03, 1.5), offset=(2.0, 1.4), shift=(0.3, 1.48))
+    assert found == RIGHT
+    assert [c.gain for c in suspected] == pytest.approx([1.03, 1.0], abs=2e-3)
+    assert [c.offset_k for c in suspected] == pytest.approx([0.0, 2.0], abs=0.05)
+    # what is likelier by far is not taken where a missed sky would look like it, but suspected
+    found, suspected = one(offset=(2.0, 4.0), sky=False)
+    assert found == RIGHT and [c.offset_k for c in suspected] == pytest.approx([2.0], abs=0.05)
+    assert one(gain=(0.03, 0.2)) == (RIGHT, ())  # chance
+    assert one(gain=(0.03, 1.5), offset=(2.0, 1.0))[1] == ()  # one is taken
+
+
+def test_no_shift_is_taken_beyond_which_the_library_ends():
+    def nats_of(c):
+        bands = c.shift_um / SPACING_UM
+        nats = 10.0 - 2.0 * np.exp(-(((bands - 0.4) / 0.3) ** 2))
+        return np.full(100, nats if bands < 0.25 else np.inf)
+
+    assert one_error(nats_of, True, KINDS) == (RIGHT, ())
 
 
 def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):

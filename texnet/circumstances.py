@@ -100,9 +100,10 @@ def _with_given(ready, cold, given, how, lap):
     )  # fmt: skip
 
 
-def _with_estimated(ready, cold, k, seed, how, lap, progress):
+def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
     """The same in an Environment of k objects that is estimated, and estimated again once the cube
-    is corrected; with a sky that is assumed, where that explains the pixels."""
+    is corrected; with a sky that is assumed, where that explains the pixels. Where its wavelengths
+    are off all of it is done again at those that it shows (moved)."""
     library = how["library"]
 
     def estimate(cube, objects, assume_sky=False):
@@ -114,33 +115,27 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress):
         with compiling(progress):
             return supported_count(ready.cube, library, seed, assume_sky)
 
-    def calibrated(environment, assumed=False, in_view=True):
-        """Calibration, and the Environment at the wavelengths that it shows."""
-        nonlocal ready, cold
-        found = calibration(cold, environment, **how, in_view=in_view)
-        if found.shift_um:
-            ready, cold = (of.moved(found.shift_um) for of in (ready, cold))
-            environment = estimate(ready.cube, objects, assumed)
-            found = calibration(cold, environment, **how, in_view=in_view, moved=True)
-        return found, environment
-
     counting = k in (None, "auto")
     objects = min(USUAL_OBJECTS, ready.cube.measured_count) if counting else k
     environment = estimate(ready.cube, objects)
-    if counting and environment.sky:
-        counting = False
-        if k == "auto":
-            objects = supported()
-            environment = estimate(ready.cube, objects)
+    if environment.sky and k == "auto":
+        objects = supported()
+        environment = estimate(ready.cube, objects)
     lap("environment")
-    (found, environment), assumed, metres = calibrated(environment), False, None
-    if not environment.sky and (under := estimate(ready.cube, objects, assume_sky=True)).sky:
-        assumed = sky_is_likelier(cold, environment, found, under, **how)
-    if counting:
-        objects = supported(assumed)
-    if counting or assumed:
+    # what is not seen of a missing sky would look like wrong wavelengths
+    sky, assumed, metres = bool(environment.sky), False, None
+    found = calibration(cold, environment, **how, moved=moved or not sky)
+    if not sky:
+        under = estimate(ready.cube, objects, assume_sky=True)
+        assumed = bool(under.sky) and sky_is_likelier(cold, environment, found, under, **how)
+        if counting:
+            objects = supported(assumed)
         environment = estimate(ready.cube, objects, assumed)
-        found, environment = calibrated(environment, assumed, in_view=False)
+        found = calibration(cold, environment, **how, in_view=False, moved=moved or assumed)
+    if found.shift_um:
+        lap("calibration")
+        there = (of.moved(found.shift_um) for of in (ready, cold))
+        return _with_estimated(*there, k, seed, how, lap, progress, moved=True)
     cube = ready.cube
     if found.air:
         through = estimate(corrected(cube, found), objects, assumed)

@@ -248,7 +248,7 @@ def _corrections(r):
         yield f"Left out     {band['wavelength_um']:.4g} um: {band['why']}"
     if shift := r["spectral_shift_um"]:
         yield (
-            f"Wavelengths  {abs(shift):.3f} um {'less' if shift > 0 else 'more'} than stated, by "
+            f"Wavelengths  {abs(shift):.3g} um {'less' if shift > 0 else 'more'} than stated, by "
             "the sky's ozone and by what fits"
         )
     without = "by what fits: all is of the cube without that"
@@ -259,8 +259,8 @@ def _corrections(r):
         yield f"Bands        off among each other by {off:.2%}, {without}"
     if error := r["suspected_error_k"]:
         yield (
-            f"Suspected    a gain, an offset or air before the camera, but none by far: T may be "
-            f"off by {error:.1f} K, which sigma holds"
+            f"Suspected    a gain, an offset or air before the camera, not sure enough to be taken "
+            f"out: T may be off by {error:.2g} K, which sigma holds"
         )
     if metres := r["air_m"]:
         yield (

@@ -78,8 +78,8 @@ class Decomposition:
     distance_m            (height, width) m of that air before each pixel; None where there is too
                           little to tell
     calibration_error_k   as it was stated, K at 300 K
-    suspected_error_k     K at 300 K by which all radiance may be off, where a gain, an offset or
-                          air is likelier than none, but not by far; sigma takes it into account
+    suspected_error_k     K by which T would be another if corrected by a gain, an offset or air
+                          that is likelier than none, but not surely there; sigma holds it
     environment_error_k   K by which an environment that was given is likely off, and which T and
                           its sigma take into account; 0 where it fits
     left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
@@ -161,9 +161,9 @@ def decompose(
                  (`physics.support`). If None, 5 where the sky is in view, else as "auto"
     environment  take this one instead (k is its own, but where all of it is sky: the other objects
                  are found then, 5 in all, 2 at least), at the cube's bands, as this camera shows
-                 it: it moves with the wavelengths, and no gain, offset or air is looked for, but
-                 whether it is kelvins off; if that is known, say so:
-                 environment.off_by(kelvin)
+                 it: it moves with the wavelengths that the sky's ozone shows, and no other shift,
+                 gain, offset or air is looked for, but whether it is kelvins off; if that is
+                 known, say so: environment.off_by(kelvin)
     seed         of the K-means
     calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
                  together, in offset or gain, beyond what the cube shows:
@@ -181,7 +181,8 @@ def decompose(
 
     def lap(stage):
         nonlocal clock
-        seconds[stage], clock = time.perf_counter() - clock, time.perf_counter()
+        now = time.perf_counter()
+        seconds[stage], clock = seconds.get(stage, 0.0) + now - clock, now
 
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
@@ -245,6 +246,8 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     shared_k = float(np.hypot(calibration_error_k, shared_error_k(found, cube)))
     if shared_k:
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k)
+    if found.suspected_k:
+        sigma = np.hypot(sigma, np.float32(found.suspected_k))
     invalid = of.ready.cube.dead | of.saturated
     sigma[invalid] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     unknown = maps["unknown"] | invalid

@@ -94,14 +94,13 @@ def sigma_among_neighbours(sigma, temperature, material):
 
 def shared_error_k(c, cube):
     """By how much the radiance of a corrected cube may still be off in all pixels together, K at
-    300 K: by what fitted nothing, what is suspected, and a share of what the bands were corrected
-    by."""
-    unknown = np.hypot(c.shared * cube.netd_k / c.noise, c.suspected_k)
+    300 K: by what fitted nothing, and a share of what the bands were corrected by."""
+    unfit = c.shared * cube.netd_k / c.noise
     if c.keeps_radiance:
-        return float(unknown)
+        return unfit
     w = cube.wavelength_um
     off = (c.of_bands(cube.bands) - 1) * planck(w, 300.0) / planck_derivative(w, 300.0)
-    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + unknown**2))
+    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + unfit**2))
 
 
 def with_calibration_error(sigma, temperature, wavelength_um, error_k):

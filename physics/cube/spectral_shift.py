@@ -77,8 +77,9 @@ def spectral_shift(cube, library):
         return float((np.diff(off) ** 2).mean(axis=-1).min() ** 0.5)
 
     def as_sky(shift):
-        before, share = np.divmod((nodes - shift - FINE_UM[0]) / FINE_STEP_UM, 1)
-        below = before.astype(int)
+        # wide bands reach beyond, where the last is as good
+        steps = np.clip((nodes - shift - FINE_UM[0]) / FINE_STEP_UM, 0, len(FINE_UM) - 1.001)
+        below, share = steps.astype(int), steps % 1
         at = ((1 - share) * skies[:, below] + share * skies[:, below + 1]).mean(axis=-1)
         return misfit(planck(w - shift, air_k) * at)
 

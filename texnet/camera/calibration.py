@@ -5,9 +5,9 @@ all else waits until they are right. A gain or an offset is taken if with it the
 the air before the camera (`air_between`), which is if they fit or most of what does not is gone, as
 it need not be as much everywhere. It must make the pixels likelier also at the noise that it takes
 without: at the noise that is stated bands that are off pass for hot air, behind which mirrors fit
-nearly everything. What is suspected, likelier than none or than the air that was taken, but for
-SUSPECT nats, and what is likelier but does not fit, puts T into doubt by as much as T would be
-another with it (`moved_k`).
+nearly everything. What is suspected, likelier than none but not taken, or likelier but does not
+fit, puts T into doubt by as much as T would be another with it (`moved_k`), unless what was taken
+is likelier by SUSPECT nats.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -52,7 +52,7 @@ from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, corrected, corrected_environment
-from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift
+from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
@@ -96,7 +96,7 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
     scene = _Scene(part, environment, library, looks)
     just = _just(cube)
     nats_of = cache(partial(scene.nats, looks()))
-    kinds = LEVELS if moved else (*LEVELS, shift(cube.wavelength_um))
+    kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
     camera, suspected = one_error(nats_of, sky, kinds)
     if camera.shift_um:
         return camera
@@ -123,7 +123,7 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
     else:
         suspected = [*suspected, *unfit]
         loss = losses({c: nats_of(c) for c in (found, *suspected)})
-        suspected = [c for c in suspected if loss[c] <= loss[found] + SUSPECT]
+        suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
     if suspected:
         moved_k = [scene.moved_k(c, found) for c in suspected]
         found = found._replace(suspected_k=float(np.sqrt(np.mean(np.square(moved_k)))))

@@ -29,8 +29,7 @@ class Calibration(NamedTuple):
     noise    factor on the stated NETD
     misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
     shared   error that all bands may share for it, in stated noise units
-    suspected_k  error that they may share beside that, K at 300 K, by a gain, an offset or air that
-             is likelier than none, but not by far
+    suspected_k  K by which T would be another, corrected by what is likelier but not surely there
     bands    their gains among each other; () if they agree
     air      Air between scene and camera; None if there is too little to tell
     """
@@ -52,7 +51,7 @@ class Calibration(NamedTuple):
 
     @property
     def keeps_radiance(self):
-        """Whether nothing is but the noise and the wavelengths."""
+        """Whether nothing is wrong but the noise and the wavelengths."""
         return self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0).keeps_cube
 
     def of_bands(self, n):

@@ -30,8 +30,8 @@ SUSPECT = 0.25  # nats per pixel over a right camera, and at most as many below 
 
 class Kind(NamedTuple):
     """What may be wrong: of(error) is its Calibration; the steps of the search and how far it
-    goes; which errors are looked at first; the least that counts, and the nats per pixel that it
-    must gain, and more than any other kind."""
+    goes; which errors are looked at first; the least that counts; the nats per pixel that it must
+    gain, and by how many it must lead any other kind."""
 
     of: Callable
     step: float
@@ -43,23 +43,26 @@ class Kind(NamedTuple):
 
 
 class Best(NamedTuple):
-    """The error of a kind by which the pixels are likeliest, its Calibration, and whether the
-    search ended there."""
+    """The error of a kind by which the pixels are likeliest, and whether the search ended there."""
 
     kind: Kind
     error: float
-    calibration: Calibration
     at_end: bool
+
+    @property
+    def calibration(self):
+        return self.kind.of(self.error)
 
 
 GAIN = Kind(
-    lambda error: Calibration(gain=1 + error), 0.01, 0.15, (0.01, 0.03, 0.1), 0.0075, 1.0, 0.25
-)
+    lambda error: Calibration(gain=1 + error),
+    0.01, 0.15, (0.005, 0.01, 0.03, 0.1), 0.0075, 1.0, 0.25,
+)  # fmt: skip
 OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (0.5, 1.0), 0.5, 2.0, 0.25)
 LEVELS = GAIN, OFFSET
 
 
-def shift(wavelength_um):
+def shift_kind(wavelength_um):
     """The Kind of bands (bands,) in um that are all off by parts of the distance between them."""
     spacing = float(np.median(np.diff(wavelength_um)))
     of = lambda error: Calibration(shift_um=round(error * spacing, 5))
@@ -67,7 +70,7 @@ def shift(wavelength_um):
 
 
 def one_error(nats_of, sky, kinds):
-    """The Calibration by which the pixels are likeliest, RIGHT if none is by far; and then those of
+    """The Calibration by which the pixels are likeliest, RIGHT if none is taken; and then those of
     LEVELS that are suspected.
 
     nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
@@ -84,18 +87,18 @@ def one_error(nats_of, sky, kinds):
         return RIGHT, ()
     best = [_best_of(kind, tried, nats_of) for kind in kinds]
     loss = losses({c: nats_of(c) for c in (RIGHT, *(b.calibration for b in best))})
-    one, *others = sorted(best, key=lambda b: loss[b.calibration])
-    gained = loss[RIGHT] - loss[one.calibration]
-    lead = {b: loss[b.calibration] - loss[one.calibration] for b in others}
-    enough = gained >= one.kind.worth and abs(one.error) >= one.kind.least
-    alone = min(lead.values()) >= one.kind.lead
+    first, *others = sorted(best, key=lambda b: loss[b.calibration])
+    gained = loss[RIGHT] - loss[first.calibration]
+    lead = {b: loss[b.calibration] - loss[first.calibration] for b in others}
+    enough = gained >= first.kind.worth and abs(first.error) >= first.kind.least
+    alone = min(lead.values()) >= first.kind.lead
     # what is right may lie beyond (a shift's is for the ozone to show)
     nearly = [b for b in others if b.kind in LEVELS and lead[b] < gained / 2]
-    ends = one.at_end or any(b.at_end for b in nearly)
+    ends = first.at_end or any(b.at_end for b in nearly)
     # a sky that was missed looks like an offset
-    if enough and alone and not ends and (sky or one.kind is not OFFSET):
-        return one.calibration, ()
-    least = min(loss[RIGHT] - SUSPECT, loss[one.calibration] + SUSPECT)
+    if enough and alone and not ends and (sky or first.kind is not OFFSET):
+        return first.calibration, ()
+    least = min(loss[RIGHT] - SUSPECT, loss[first.calibration] + SUSPECT)
     return RIGHT, tuple(
         b.calibration
         for b in best
@@ -111,20 +114,25 @@ def first_look(kinds):
 def _best_of(kind, tried, nats_of):
     """The Best of a Kind; the Calibrations of its search are added to those tried."""
 
-    def likeliest(errors):
-        of = {kind.of(e): e for e in errors}
+    def loss_of(errors):
+        of = [kind.of(error) for error in errors]
         tried.extend(of)
         loss = losses({c: nats_of(c) for c in tried})
-        return of[min(of, key=loss.get)], [loss[c] for c in of]
+        return [loss[c] for c in of]
+
+    def likeliest(errors):
+        return errors[int(np.argmin(loss_of(errors)))]
 
     n, half = round(kind.most / kind.step), kind.step / 2
-    step, _ = likeliest([kind.step * i for i in range(-n, n + 1) if i])
-    if abs(step) > kind.most - half:
-        return Best(kind, step, kind.of(step), at_end=True)
+    steps = [kind.step * i for i in range(-n, n + 1) if i]
+    # a shift may leave the library
+    steps = [e for e in steps if np.isfinite(nats_of(kind.of(e))).any()]
+    step = likeliest(steps)
+    if step == (steps[-1] if step > 0 else steps[0]):
+        return Best(kind, step, at_end=True)
     around = [step + side * half for side in (-1, 0, 1)]
-    _, loss = likeliest(around)
-    error, _ = likeliest([*around, round(step + half * float(lowest(*loss)), 4)])
-    return Best(kind, error, kind.of(error), at_end=False)
+    lowest_at = step + half * float(lowest(*loss_of(around)))
+    return Best(kind, likeliest([*around, round(lowest_at, 4)]), at_end=False)
 
 
 def losses(all_nats, typical=None):
