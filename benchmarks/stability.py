@@ -420,7 +420,7 @@ AXES = {
     "wrong environment, as stated": Axis(
         "environment's error (K)", (0, 1, 3, 10, 30), stated_environment
     ),
-    "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.2, 0.3, 1, 2, 3), wrong_wavelengths),
+    "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
     "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
     "gain off, as stated": Axis("gain error (%)", (0, 0.3, 1, 3, 10), stated_gain),
     "bands' gains off": Axis("error of each by itself (%)", (0, 0.1, 0.3, 1, 3), uneven_bands),
