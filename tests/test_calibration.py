@@ -417,6 +417,16 @@ def test_what_two_kinds_explain_alike_is_suspected():
     assert one(gain=(0.03, 1.5), offset=(2.0, 1.0))[1] == ()  # one is taken
 
 
+def test_where_the_library_ends_with_the_bands_all_else_is_found():
+    def nats_of(c):
+        if c.shift_um:
+            return np.full(100, np.inf)
+        return np.full(100, 10.0 - 2.0 * np.exp(-(((c.gain - 1.03) / 0.01) ** 2)))
+
+    found, suspected = one_error(nats_of, True, KINDS)
+    assert found.gain == pytest.approx(1.03, abs=2e-3) and suspected == ()
+
+
 def test_no_shift_is_taken_beyond_which_the_library_ends():
     def nats_of(c):
         bands = c.shift_um / SPACING_UM

@@ -125,8 +125,10 @@ def _best_of(kind, tried, nats_of):
 
     n, half = round(kind.most / kind.step), kind.step / 2
     steps = [kind.step * i for i in range(-n, n + 1) if i]
-    # a shift may leave the library
+    # a shift may leave the library, and each does where that reaches no farther than the bands
     steps = [e for e in steps if np.isfinite(nats_of(kind.of(e))).any()]
+    if not steps:
+        return Best(kind, 0.0, at_end=False)
     step = likeliest(steps)
     if step == (steps[-1] if step > 0 else steps[0]):
         return Best(kind, step, at_end=True)
