@@ -106,9 +106,8 @@ def test_sigma_holds_a_calibration_error_that_is_stated(method):
     cube = HeatCube(cube.radiance + off, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
     ground = np.array(truth.material_names)[truth.material] != "sky"
     held = []
-    environment = estimate_environment(
-        cube, MaterialLibrary.starter(), 4
-    )  # so that nothing is suspected
+    # where it is given, no error of the camera is suspected
+    environment = estimate_environment(cube, MaterialLibrary.starter(), 4)
     for stated in (0.0, 1.0):
         d = decompose(cube, method=method, environment=environment, calibration_error_k=stated)
         error = np.abs(d.temperature_k - truth.temperature_k)[ground]
