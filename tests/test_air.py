@@ -18,7 +18,7 @@ from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
 from texnet.camera.calibration import _Scene
 from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
-from texnet.camera.distances import OCTAVES, _likeliest
+from texnet.camera.distances import OCTAVES, among_neighbours, likeliest_octaves
 from texnet.files.cube_io import write_cube
 from texnet.learned import shipped_network
 from texnet.pipeline import decompose
@@ -256,17 +256,26 @@ def test_pixels_are_corrected_by_the_air_before_them():
         )
 
 
+def octaves(nats, *among):
+    """(6, 7) octaves taken where air at each of OCTAVES costs nats (octaves, 6, 7)."""
+    s = planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7))
+    of = lambda c: nats[np.abs(OCTAVES - np.log2(c.air.metres / 100)).argmin()]
+    here = Calibration(air=Air.of(100.0, 283.0, W, FWHM))
+    return likeliest_octaves(here, of, HeatCube(s, W, FWHM, 0.05), *among)
+
+
 @given(st.floats(-4.5, 2.5), st.integers(0, 2**31))
 @settings(deadline=None, max_examples=30)
 def test_the_likeliest_distance_is_as_sure_as_the_pixels_are(octave, seed):
     flat = np.random.default_rng(seed).uniform(-50, 50, (1, 6, 7)) * np.ones((len(OCTAVES), 1, 1))
-    np.testing.assert_allclose(_likeliest(flat), 0, atol=1e-6)  # nothing known: as far as usual
+    np.testing.assert_allclose(octaves(flat), 0, atol=1e-6)  # nothing known: as far as usual
     sharp = flat + 15 * (OCTAVES[:, None, None] - octave) ** 2
-    np.testing.assert_allclose(_likeliest(sharp), octave, atol=0.2)
-    unsure = _likeliest(flat + 0.1 * (OCTAVES[:, None, None] - octave) ** 2)
+    np.testing.assert_allclose(octaves(sharp), octave, atol=0.2)
+    unsure = octaves(flat + 0.1 * (OCTAVES[:, None, None] - octave) ** 2)
     assert (np.abs(unsure) <= abs(octave)).all() and (unsure * octave >= 0).all()
     sharp[:, 2, 3] = np.nan  # not measured: as its neighbours
-    np.testing.assert_allclose(_likeliest(sharp), octave, atol=0.2)
+    np.testing.assert_allclose(octaves(sharp, among_neighbours), octave, atol=0.2)
+    assert octaves(sharp)[2, 3] == 0
 
 
 def test_none_is_looked_for_without_sky_in_view_or_where_the_environment_is_given():
@@ -303,6 +312,6 @@ def test_fine_tuning_sees_the_cube_without_it():
 
 @pytest.mark.parametrize("octave", [0, 3, len(OCTAVES) - 1])
 def test_the_nearest_and_the_farthest_are_found_where_nothing_else_fits(octave):
-    nats = np.full((len(OCTAVES), 6, 6), 500.0)
+    nats = np.full((len(OCTAVES), 6, 7), 500.0)
     nats[octave] = 0
-    np.testing.assert_allclose(_likeliest(nats), OCTAVES[octave], atol=0.1)
+    np.testing.assert_allclose(octaves(nats), OCTAVES[octave], atol=0.1)

@@ -401,6 +401,10 @@ def test_a_shift_is_taken_that_leads():
     assert found.shift_um == pytest.approx(0.23 * SPACING_UM, rel=0.05) and suspected == ()
     assert found._replace(shift_um=0.0) == RIGHT
     assert one(shift=(0.23, 0.4))[0] == RIGHT  # not worth it
+    assert one(shift=(0.23, 1.0), gain=(0.03, 0.98))[0] == RIGHT  # nor alone
+    # a gain must lead an offset by more than a shift, which looks less like it
+    assert one(gain=(0.03, 1.5), shift=(0.3, 1.4))[0].gain == pytest.approx(1.03, abs=2e-3)
+    assert one(gain=(0.03, 1.5), offset=(2.0, 1.4))[0] == RIGHT
     assert one(shift=(0.6, 2.0))[0] == RIGHT  # what is right may lie beyond
     assert one(KINDS[:2], shift=(0.23, 1.0)) == (RIGHT, ())  # not looked for
 

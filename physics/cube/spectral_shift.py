@@ -49,9 +49,9 @@ def registered(cube, library):
     def inside(w):
         return library.covers(quadrature(w, cube.fwhm_um)).all(axis=1)
 
-    w = cube.wavelength_um - shift
-    kept = inside(w) | ~inside(cube.wavelength_um)  # a library for other bands is an error
-    cube = replace(cube, wavelength_um=w)
+    stated, cube = cube, cube.moved(shift)
+    # a library for other bands is an error
+    kept = inside(cube.wavelength_um) | ~inside(stated.wavelength_um)
     return cube if kept.all() else cube.only(kept), shift
 
 

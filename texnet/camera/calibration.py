@@ -2,12 +2,12 @@
 
 First the wavelengths, a gain or an offset of all bands (`one_error`). If the wavelengths are off,
 all else waits until they are right. A gain or an offset is taken if with it the pixels fit; else
-the air before the camera (`air_between`), which is if they fit or most of what does not is gone, as
-it need not be as much everywhere. It must make the pixels likelier also at the noise that it takes
-without: at the noise that is stated bands that are off pass for hot air, behind which mirrors fit
-nearly everything. What is suspected, likelier than none but not taken, or likelier but does not
-fit, puts T into doubt by as much as T would be another with it (`moved_k`), unless what was taken
-is likelier by SUSPECT nats.
+the air before the camera (`air_between`), which is if they fit, each behind as much of it as is
+likeliest, or if most of what does not is gone, as air absorbs otherwise than ours. It must make the
+pixels likelier also at the noise that it takes without: at the noise that is stated bands that are
+off pass for hot air, behind which mirrors fit nearly everything. What is suspected, likelier than
+none but not taken, or likelier but does not fit, puts T into doubt by as much as T would be another
+with it (`moved_k`), unless what was taken is likelier by SUSPECT nats.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -52,6 +52,7 @@ from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, corrected, corrected_environment
+from .distances import likeliest_octaves
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
@@ -64,8 +65,8 @@ MOST = 0.68  # of the pixels, as of errors within a standard deviation
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
 # of the misfit beyond noise, at most, where air is taken out: on eight scenes used for tuning 0 to
-# 0.4, and where something else was wrong 0.6 and more; and where it is suspected: 0.5 to 0.8 behind
-# much damp air of wrong lines, 0.86 and more where curves were wrong
+# 0.45, and where something else was wrong 0.6 and more; and where it is suspected: 0.5 to 0.8
+# behind much damp air of wrong lines, 0.82 and more where curves were wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
@@ -94,40 +95,49 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
         return RIGHT
     sky = in_view and environment.sky_mean is not None
     scene = _Scene(part, environment, library, looks)
-    just = _just(cube)
     nats_of = cache(partial(scene.nats, looks()))
     kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
     camera, suspected = one_error(nats_of, sky, kinds)
     if camera.shift_um:
         return camera
-    found, misfit = RIGHT, scene.left(RIGHT)
-    noise = _with_noise(RIGHT, misfit, cube).noise  # that it takes if nothing else is wrong
+    found, misfit, unfit = _that_fits(scene, nats_of, camera, sky)
+    if misfit > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
+        evened = band_gains(part, environment, scene.maps, library, scene.quartile)
+        if evened is not None and (less := scene.left(evened)) <= _just(cube):
+            found, misfit = evened, less
+    suspected_k = _suspected_k(scene, nats_of, found, [*suspected, *unfit])
+    return _with_noise(found._replace(suspected_k=suspected_k), misfit, cube)
+
+
+def _that_fits(scene, nats_of, camera, sky):
+    """The first Calibration by which the pixels of a _Scene are likelier and fit, RIGHT if none,
+    given its one error; what is left with it; and those likelier that do not fit."""
+    just, all_left = _just(scene.part), scene.left(RIGHT)
+    noise = _with_noise(RIGHT, all_left, scene.part).noise  # that it takes if nothing else is wrong
     tried, unfit = {RIGHT}, []
-    for likelier in _likelier(nats_of, camera, part, environment, sky):
+    for likelier in _likelier(nats_of, camera, scene.part, scene.environment, sky):
         if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
             continue
         tried.add(likelier)
         left = scene.left(likelier)
-        share = (left - 1) / max(misfit - 1, 1e-9)
+        share = (left - 1) / max(all_left - 1, 1e-9)
         if left <= just + RISE or likelier.air and share < AIR_LEAVES:
-            found, misfit = likelier, left
-            break
+            return likelier, left, unfit
         if not likelier.air or share < AIR_MAY_LEAVE:
             unfit.append(likelier)
-    if misfit > just + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
-        evened = band_gains(part, environment, scene.maps, library, scene.quartile)
-        if evened is not None and (less := scene.left(evened)) <= just:
-            found, misfit = evened, less
+    return RIGHT, all_left, unfit
+
+
+def _suspected_k(scene, nats_of, found, suspected):
+    """K by which T of a _Scene may be another than with the Calibration found, rms of those that
+    are suspected and as likely; 0 if none is."""
     if found.bands:  # whose gains are many enough to make up for any error of all
-        suspected = [c for c in suspected if scene.left(c) <= just + RISE]
+        suspected = [c for c in suspected if scene.left(c) <= _just(scene.part) + RISE]
     else:
-        suspected = [*suspected, *unfit]
         loss = losses({c: nats_of(c) for c in (found, *suspected)})
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
-    if suspected:
-        moved_k = [scene.moved_k(c, found) for c in suspected]
-        found = found._replace(suspected_k=float(np.sqrt(np.mean(np.square(moved_k)))))
-    return _with_noise(found, misfit, cube)
+    moved_k = [scene.moved_k(c, found) for c in suspected]
+    return float(np.sqrt(np.mean(np.square(moved_k)))) if suspected else 0.0
 
 
 def _likelier(nats_of, camera, part, environment, sky):
@@ -269,13 +279,21 @@ class _Scene(NamedTuple):
         residual = residual[np.isfinite(residual)]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
+    def distance_m(self, c):
+        """(height, width) m of a Calibration's Air before each pixel; None if it has none."""
+        if not c.air:
+            return None
+        look = self.looks()
+        nats_of = lambda c: self.nats(look, c).reshape(self.part.shape)
+        return c.air.metres * 2 ** likeliest_octaves(c, nats_of, self.part)
+
     def left(self, c):
         """The same of what is corrected by a Calibration, in noise units as stated."""
-        stated = corrected(self.part, c).netd_k
+        stated, distance_m = corrected(self.part, c).netd_k, self.distance_m(c)
 
         def at(noise):
             noisy = c._replace(noise=noise)
-            taken = corrected(self.part, noisy)
+            taken = corrected(self.part, noisy, distance_m)
             maps = self.maps(corrected_environment(self.environment, noisy), taken)
             return self.quartile(maps) * (taken.netd_k / stated)
 

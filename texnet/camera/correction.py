@@ -68,9 +68,11 @@ def corrected(cube, c, distance_m=None):
     Calibration's Air."""
     noise = c.noise * (c.air.noise if c.air else 1.0)
     netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
-    w = cube.wavelength_um - c.shift_um
+    if c.shift_um:
+        cube = cube.moved(c.shift_um)
     if c.keeps_radiance:
-        return replace(cube, wavelength_um=w, netd_k=netd_k)
+        return replace(cube, netd_k=netd_k)
+    w = cube.wavelength_um
     at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, w, cube.fwhm_um)
     all_of = np.array([_offset_and_gain(w, c) for c in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
@@ -79,7 +81,7 @@ def corrected(cube, c, distance_m=None):
         radiance[b] = _corrected(band, offset, gain)
         scratch.release(radiance)
     radiance.setflags(write=False)
-    return replace(cube, radiance=radiance, wavelength_um=w, netd_k=netd_k)
+    return replace(cube, radiance=radiance, netd_k=netd_k)
 
 
 def _by_distance(distance_m, c, wavelength_um, fwhm_um):

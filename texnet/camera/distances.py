@@ -12,7 +12,6 @@ taken to be as far as usual: there it matters least.
 """
 
 import math
-from contextlib import suppress
 
 import numpy as np
 
@@ -39,26 +38,42 @@ def distances(cube, environment, look, materials, found):
     """
     step = max(PATCH, math.ceil(math.sqrt(cube.radiance[0].size / PATCHES)))
     afar, every = from_afar(cube, step), np.arange(materials)
-    nats = np.full((len(OCTAVES), *afar.shape), np.inf)
-    for i, metres in enumerate(found.air.metres * 2**OCTAVES):
-        air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
-        with suppress(Implausible):  # nothing looks like that
-            there = corrected(afar, found._replace(air=air))
-            nats[i] = -look(environment, there, every)["log_evidence"]
-    octaves = _likeliest(nats)
+
+    def nats_of(c):
+        try:
+            return -look(environment, corrected(afar, c), every)["log_evidence"]
+        except Implausible:  # nothing looks like that
+            return np.full(afar.shape, np.inf)
+
+    octaves = likeliest_octaves(found, nats_of, afar, among_neighbours)
     nearer = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
     return np.float32(found.air.metres) * 2**nearer
 
 
-def _likeliest(nats):
-    """(h, w) octaves by which patches of nats (octaves, h, w) are nearer or farther than usual."""
+def among_neighbours(nats):
+    """(octaves, height, width) mean nats of 3 x 3 patches."""
     from scipy.ndimage import uniform_filter  # few cubes need it
 
+    return uniform_filter(nats, (1, 3, 3), mode="nearest")
+
+
+def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
+    """(height, width) octaves by which what a HeatCube shows is farther than found, a Calibration
+    with the Air of the whole picture, says.
+
+    nats_of  Calibration -> (height, width) minus the pixels' log evidence, corrected by it;
+             infinite where nothing looks like that
+    among    (octaves, height, width) nats -> their mean among those that are likely as far
+    """
+    nats = []
+    for metres in found.air.metres * 2**OCTAVES:
+        air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
+        nats.append(nats_of(found._replace(air=air)))
     nats = np.where(np.isfinite(nats), nats, np.inf)
     least = nats.min(axis=0)
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
-    energy = uniform_filter(nats, (1, 3, 3), mode="nearest")
-    energy += (OCTAVES * math.log(2))[:, None, None] ** 2 / (2 * SPREAD**2)
+    farther = (OCTAVES * math.log(2))[:, None, None]
+    energy = among(nats) + farther**2 / (2 * SPREAD**2)
     # the lowest of a parabola about the best, which may be the nearest or the farthest
     best = energy.argmin(axis=0)
     at = np.clip(best, 1, len(OCTAVES) - 2)

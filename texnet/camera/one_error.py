@@ -31,7 +31,7 @@ SUSPECT = 0.25  # nats per pixel over a right camera, and at most as many below 
 class Kind(NamedTuple):
     """What may be wrong: of(error) is its Calibration; the steps of the search and how far it
     goes; which errors are looked at first; the least that counts; the nats per pixel that it must
-    gain, and by how many it must lead any other kind."""
+    gain, and by how many it must lead another kind, or by that one's, if they are less."""
 
     of: Callable
     step: float
@@ -66,7 +66,7 @@ def shift_kind(wavelength_um):
     """The Kind of bands (bands,) in um that are all off by parts of the distance between them."""
     spacing = float(np.median(np.diff(wavelength_um)))
     of = lambda error: Calibration(shift_um=round(error * spacing, 5))
-    return Kind(of, 0.1, 0.6, (0.1, 0.3), 0.05, 0.5, 0.05)
+    return Kind(of, 0.1, 0.6, (0.1, 0.3), 0.02, 0.5, 0.05)
 
 
 def one_error(nats_of, sky, kinds):
@@ -91,7 +91,7 @@ def one_error(nats_of, sky, kinds):
     gained = loss[RIGHT] - loss[first.calibration]
     lead = {b: loss[b.calibration] - loss[first.calibration] for b in others}
     enough = gained >= first.kind.worth and abs(first.error) >= first.kind.least
-    alone = min(lead.values()) >= first.kind.lead
+    alone = all(lead[b] >= min(first.kind.lead, b.kind.lead) for b in others)
     # what is right may lie beyond (a shift's is for the ozone to show)
     nearly = [b for b in others if b.kind in LEVELS and lead[b] < gained / 2]
     ends = first.at_end or any(b.at_end for b in nearly)
