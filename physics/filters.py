@@ -147,10 +147,10 @@ def rate_filters(library, wavelength_um, width_um, scenes=None):
 def filter_range(library):
     """Lowest and highest wavelength of filters for a library, um: what it covers of 8-14 um, in
     whole steps. Raises InputError where that is less than LEAST_UM."""
-    low, high = library.wavelength_um[[0, -1]] + (-1e-6, 1e-6)
     edges = LOW_UM + STEP_UM * np.arange(len(FINE_UM) + 1)
-    inside = edges[(edges >= low) & (edges <= high)].round(9)
+    inside = edges[library.covers(edges)].round(9)
     if not inside.size or np.ptp(inside) < LEAST_UM:
+        low, high = library.wavelength_um[[0, -1]]
         raise InputError(
             f"library: it covers {low:.4g}-{high:.4g} um; filters need {LEAST_UM:g} um of "
             f"{LOW_UM:g}-{HIGH_UM:g} um, at least."

@@ -552,6 +552,35 @@ def test_npy(tmp_path, in_parts, order, flag, ends):
     assert "6 bands of 8 x 8 pixels" in note
 
 
+@pytest.mark.parametrize("axis", ["wavelengths_um", "wavenumbers_cm1"])
+def test_the_width_of_bands_may_be_stated(tmp_path, axis):
+    """A scene through box-shaped filters, 1 um or 40 cm-1 wide, is what comes out of its file."""
+    centre, width = (np.linspace(8.5, 13, 6), 1.0) if axis == "wavelengths_um" else (NU, 40.0)
+    np.save(tmp_path / "a.npy", np.tile(S, (1, 8, 8)))
+    cube, note = import_cube(
+        tmp_path / "a.npy", "W/m2/sr/um", **{axis: tuple(centre[[0, -1]])}, fwhm=width
+    )
+    ends = np.stack([centre - width / 2, centre + width / 2])
+    um = np.sort(np.abs(np.diff(ends if axis == "wavelengths_um" else 1e4 / ends, axis=0)[0]))
+    np.testing.assert_allclose(cube.fwhm_um, um, rtol=2e-3)
+    assert "taken as narrow" not in note
+
+
+def test_a_width_is_stated_once_and_of_bands_in_nm_in_um(tmp_path, capfd):
+    fields = dict(wavelength=1e3 * W, wavelength_units="Nanometers")
+    path = envi(tmp_path / "a", S, **fields)
+    assert import_cube(path, "W/m2/sr/um", fwhm=0.2)[0].fwhm_um == pytest.approx(np.full(6, 0.2))
+    path = envi(tmp_path / "b", S, **fields, fwhm=np.full(6, 200.0))
+    words = [path, "--out", tmp_path / "c.npz", *FLAGS, "--fwhm", "0.2"]
+    assert "states the widths of its bands; leave out --fwhm" in refused(capfd, *words)
+    assert "need a width above 0" in refused(capfd, *words[:-1], "0")
+    with pytest.raises(InputError, match="fwhm must be one width above 0"):
+        import_cube(path, "W/m2/sr/um", fwhm=[0.2] * 6)
+    # a heat cube whose bands were taken as narrow
+    write_cube(HeatCube(S[::-1], W[::-1]), tmp_path / "narrow.npz")
+    assert (import_cube(tmp_path / "narrow.npz", fwhm=0.3)[0].fwhm_um == 0.3).all()
+
+
 @pytest.mark.parametrize("axes, right", [((0, 1, 2), True), ((1, 2, 0), False), ((1, 0, 2), False)])
 def test_axes_in_another_order_show(tmp_path, axes, right):
     """Narrow pictures of many bands, too: the numbers tell, not the shape."""

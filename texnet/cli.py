@@ -162,6 +162,10 @@ def _cubes(to):
             help=f"where the file does not say: first and last band in {example}; equidistant",
         )  # fmt: skip
     p.add_argument(
+        "--fwhm", metavar="WIDTH", type=_width,
+        help="where the file does not say: width of every band in um, or in cm-1 if the bands are",
+    )  # fmt: skip
+    p.add_argument(
         "--netd", metavar="K", type=_above_0, help="sensor noise in K at 300 K, if known"
     )
     for name in ("--rows", "--columns"):
@@ -430,6 +434,10 @@ def _above_0(text):
     if value == 0:
         raise argparse.ArgumentTypeError("need above 0 K; leave it out if it is not known")
     return value
+
+
+def _width(text):
+    return _number(text, lambda w: 0 < w < math.inf, "need a width above 0")
 
 
 def _seconds(text):

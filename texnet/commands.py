@@ -30,7 +30,7 @@ def import_(args):
     with progress_bar() as report:
         cube, note = import_cube(
             args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report,
-            rows=args.rows, columns=args.columns, range_um=args.range,
+            fwhm=args.fwhm, rows=args.rows, columns=args.columns, range_um=args.range,
         )  # fmt: skip
     write_cube(cube, args.out)
     text = f"{note}\n{_size(args.out, cube)}"

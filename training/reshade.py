@@ -47,9 +47,9 @@ class ReshadedSet(SceneSet):
         if len(self.library) < 2:
             raise InputError("library: it holds no material but the sky.")
         w, width = equidistant_bands(settings.bands)
-        low, high = self.library.wavelength_um[[0, -1]]
-        inside = (w - width / 2 >= low - 1e-9) & (w + width / 2 <= high + 1e-9)
+        inside = self.library.covers(w - width / 2) & self.library.covers(w + width / 2)
         if inside.sum() < MIN_BANDS:
+            low, high = self.library.wavelength_um[[0, -1]]
             raise InputError(
                 f"library: it covers {low:g}-{high:g} um; training needs half a micrometre or "
                 "more of 8-14 um."

@@ -28,6 +28,7 @@ from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
 from .raw_cube import UNITS, RawCube, heat_cube, part_of
+from .wavelengths import PER_UM
 
 HEAT_CUBE = "heat cube"
 HADAR_MAT, HADAR = "HADAR .mat", ("S", "HSI")
@@ -39,7 +40,7 @@ GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_ind
 
 def import_cube(
     path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None, *,
-    rows=None, columns=None, range_um=None,
+    fwhm=None, rows=None, columns=None, range_um=None,
 ):  # fmt: skip
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
@@ -49,6 +50,8 @@ def import_cube(
                      does not say where its bands lie
     netd_k           noise at 300 K, K, if it is known
     progress         called as progress(done, total, what)
+    fwhm             width of each band, of box shape, where the file does not say it: um, or cm-1
+                     where the bands are in cm-1
     rows, columns, range_um
                      a part of it: slices, and the lowest and the highest band centre in um
 
@@ -77,6 +80,7 @@ def import_cube(
         if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
             raise InputError(f"cube: {path} states its unit, {raw.unit}; leave out --unit.")
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
+        raw = _with_width(raw, path, fwhm)
         raw = part_of(raw, rows, columns, range_um)
         if raw.unit is None and unit is None:
             says = "does not say which unit its radiance is in"
@@ -142,6 +146,18 @@ def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
     if usual and wavenumbers_cm1 and usual != f"{first:g}:{last:g}":
         words = (*words, f"not the {usual} cm-1 of published cubes of {bands} bands")
     return raw._replace(centre=centre, axis="um" if wavelengths_um else "cm-1", words=words)
+
+
+def _with_width(raw, path, fwhm):
+    """raw with the width that the caller states of every band, where the file does not."""
+    if fwhm is None:
+        return raw
+    if np.ndim(fwhm) or not 0 < numbers(fwhm, "cube: fwhm") < np.inf:
+        raise InputError(f"cube: fwhm must be one width above 0, got {fwhm!r}.")
+    if raw.fwhm is not None and np.any(raw.fwhm):
+        raise InputError(f"cube: {path} states the widths of its bands; leave out --fwhm.")
+    width = fwhm * PER_UM.get(raw.axis, 1.0)
+    return raw._replace(fwhm=np.full(len(raw.centre), width))
 
 
 # --- .exr, .npz, .mat and .npy -----------------------------------------------------------

@@ -124,10 +124,7 @@ def with_sky(library):
         return library
     sky = MaterialLibrary.starter().subset([SKY])
     w = np.union1d(library.wavelength_um, sky.wavelength_um)
-    low, high = (
-        f(library.wavelength_um[at], sky.wavelength_um[at]) for f, at in ((max, 0), (min, -1))
-    )
-    w = w[(w >= low) & (w <= high)]
+    w = w[library.covers(w) & sky.covers(w)]
     if w.size == 0:
         raise InputError(
             f"library: it has no sky, and the starter library's covers 7.5-14.5 um, "

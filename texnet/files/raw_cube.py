@@ -135,7 +135,7 @@ def heat_cube(raw, netd_k=None, progress=None):
     jacobian = 1e4 / w**2
     fwhm = None
     if raw.fwhm is None:
-        said_of_bands.append("taken as narrow, since band widths are not stated")
+        said_of_bands.append("taken as narrow, since band widths are not stated (--fwhm)")
     else:
         fwhm = raw.fwhm[kept] / (jacobian if raw.axis == "cm-1" else PER_UM[raw.axis])
     scale = _to_our_unit(raw.unit, jacobian)
