@@ -337,7 +337,7 @@ def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
         assert answer["k"] == 2 and not answer["k_chosen"]
     s = add_noise(made.radiance, made.wavelength_um, 3.0, np.random.default_rng(0))
     write_cube(HeatCube(s, made.wavelength_um, made.fwhm_um), path)
-    assert "Suspicious   is so much noise" in run(capfd, *words, "--k", 2)[1]
+    assert "Suspicious   so much noise" in run(capfd, *words, "--k", 2)[1]
     write_cube(HeatCube(made.radiance, made.wavelength_um, made.fwhm_um, 0.005), path)
     code, out, _ = run(capfd, *words, "--k", 2)
     assert code == 0 and "NETD 5 mK (as stated), taken for " in out

@@ -14,6 +14,7 @@ from physics.cube.heat_cube import HeatCube
 from physics.simulator import simulate
 from physics.simulator.presets import preset
 from texnet.cli import main
+from texnet.pipeline import decompose
 
 ANSWER = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 ARRAYS, JSON = ANSWER.partition("## Libraries")[0].split("`--json` prints")
@@ -24,6 +25,12 @@ def traced(name, bands=24, size=(48, 72), spp=16):
     """(HeatCube, Truth) of a preset scene."""
     w, fwhm = equidistant_bands(bands)
     return simulate(preset(name), wavelength_um=w, fwhm_um=fwhm, size=size, spp=spp)
+
+
+@functools.cache
+def right(name, bands=24, method="net+sgd"):
+    """The Decomposition of a preset scene's cube by a method, of a right camera."""
+    return decompose(traced(name, bands)[0], method=method)
 
 
 def averaged(cube, bands):

@@ -122,16 +122,17 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
         objects = supported()
         environment = estimate(ready.cube, objects)
     lap("environment")
-    # what is not seen of a missing sky would look like wrong wavelengths
     sky, assumed, metres = bool(environment.sky), False, None
-    found = calibration(cold, environment, **how, moved=moved or not sky)
     if not sky:
         under = estimate(ready.cube, objects, assume_sky=True)
-        assumed = bool(under.sky) and sky_is_likelier(cold, environment, found, under, **how)
+        if under.sky:
+            # what is not seen of a missing sky would look like wrong wavelengths
+            without = calibration(cold, environment, **how, moved=True)
+            assumed = sky_is_likelier(cold, environment, without, under, **how)
         if counting:
             objects = supported(assumed)
         environment = estimate(ready.cube, objects, assumed)
-        found = calibration(cold, environment, **how, in_view=False, moved=moved or assumed)
+    found = calibration(cold, environment, **how, in_view=sky, moved=moved or assumed)
     if found.shift_um:
         lap("calibration")
         there = (of.moved(found.shift_um) for of in (ready, cold))

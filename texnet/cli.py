@@ -305,14 +305,15 @@ def _measuring(to):
         "--large", action="store_true",
         help="a cube of 3.6 GB, too: five minutes more, and 20 GB of disk",
     )  # fmt: skip
-    text = "where methods fail, and whether they say so; an hour"
+    text = "where methods fail, and whether they say so; two to three hours"
     p = _add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--axes", metavar="AXIS", nargs="+",
-        help="some of the difficulties, by their names in docs/atlas.md, default: all",
+        help="some of the difficulties, by their names in docs/atlas.md (before the colon), "
+        "default: all",
     )  # fmt: skip
-    text = "accuracy against time beside the peers; up to 17 minutes"
+    text = "accuracy against time beside the peers; up to half an hour"
     p = _add(actions, "chart", commands.bench_chart, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
@@ -347,7 +348,8 @@ def _library(to):
     p = _add(actions, "import", commands.library_import, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
-        help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv",
+        help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv; .json, to "
+        "give it a sky",
     )  # fmt: skip
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(

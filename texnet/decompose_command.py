@@ -243,7 +243,7 @@ def _corrections(r):
     """What the cube was corrected by, or should have been before it came here."""
     taken, stated = r["camera_netd_k"] * r["noise_raised"], r["netd_stated_k"]
     if taken > SUSPICIOUS_K and taken > SUSPICIOUS * (stated or 0):
-        yield "Suspicious   is so much noise: check unit, interleave, byte order and library"
+        yield "Suspicious   so much noise: check unit, interleave, byte order and library"
     for band in r["left_out"]:
         yield f"Left out     {band['wavelength_um']:.4g} um: {band['why']}"
     if shift := r["spectral_shift_um"]:
@@ -251,7 +251,7 @@ def _corrections(r):
             f"Wavelengths  {abs(shift):.3g} um {'less' if shift > 0 else 'more'} than stated, by "
             "the sky's ozone and by what fits"
         )
-    without = "by what fits: all is of the cube without that"
+    without = "by what fits: all results are corrected for it"
     if off := r["gain"] - 1 or r["offset_k"]:
         much = f"{abs(off):.1%}" if r["gain"] != 1 else f"{abs(off):.1f} K at 300 K"
         yield f"Calibration  radiance {much} too {'high' if off > 0 else 'low'}, {without}"
@@ -265,7 +265,7 @@ def _corrections(r):
     if metres := r["air_m"]:
         yield (
             f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
-            "and as much as distance_m says before each pixel: all is of the cube without that"
+            "and as much as distance_m says before each pixel: all results are corrected for it"
         )
 
 

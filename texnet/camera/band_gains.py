@@ -45,6 +45,8 @@ def band_gains(cube, environment, solve, library, quartile):
         surroundings, part = corrected_environment(environment, found), corrected(cube, found)
         maps = solve(surroundings, part)
         left = quartile(maps) * part.netd_k / cube.netd_k
+        if not left:  # too little ground
+            return None
         at += left > HELPS * least
         if left > least:  # the step is taken back
             log_gain = kept

@@ -103,8 +103,8 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
     found, misfit, unfit = _that_fits(scene, nats_of, camera, sky)
     if misfit > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
-        if evened is not None and (less := scene.left(evened)) <= _just(cube):
-            found, misfit = evened, less
+        if evened is not None and 0 < (less := scene.left(evened)) <= _just(cube):
+            found, misfit, unfit = evened, less, []
     suspected_k = _suspected_k(scene, nats_of, found, [*suspected, *unfit])
     return _with_noise(found._replace(suspected_k=suspected_k), misfit, cube)
 
@@ -119,7 +119,10 @@ def _that_fits(scene, nats_of, camera, sky):
         if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
             continue
         tried.add(likelier)
-        left = scene.left(likelier)
+        at_noise = likelier._replace(noise=noise)
+        left = scene.left(likelier, scene.distance_m(at_noise) if likelier.air else None)
+        if not left:  # of the ground too little would be left
+            continue
         share = (left - 1) / max(all_left - 1, 1e-9)
         if left <= just + RISE or likelier.air and share < AIR_LEAVES:
             return likelier, left, unfit
@@ -232,7 +235,8 @@ def error_of_given(cube, environment, looks, library, left_out=None):
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return noisy, 0.0
     nats_of = cache(partial(of[0.0].nats, look))
-    cameras = *first_look(LEVELS), one_error(nats_of, environment.sky_mean is not None, LEVELS)[0]
+    camera, suspected = one_error(nats_of, environment.sky_mean is not None, LEVELS)
+    cameras = *first_look(LEVELS), camera, *suspected
     loss = losses(all_nats | {c: nats_of(c) for c in cameras})
     return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
@@ -274,22 +278,22 @@ class _Scene(NamedTuple):
         return float(np.quantile(moved, MOST)) if moved.size >= LEAST_GROUND else 0.0
 
     def quartile(self, maps):
-        """What is left, in noise units, even of the ground's pixels that fit best."""
+        """What is left, in noise units, even of the ground's pixels that fit best; 0 where there
+        are too few to say."""
         residual = maps["residual"][maps["material"] != self.library.sky_index]
         residual = residual[np.isfinite(residual)]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
     def distance_m(self, c):
-        """(height, width) m of a Calibration's Air before each pixel; None if it has none."""
-        if not c.air:
-            return None
+        """(height, width) m of a Calibration's Air that are likeliest before each pixel."""
         look = self.looks()
         nats_of = lambda c: self.nats(look, c).reshape(self.part.shape)
         return c.air.metres * 2 ** likeliest_octaves(c, nats_of, self.part)
 
-    def left(self, c):
-        """The same of what is corrected by a Calibration, in noise units as stated."""
-        stated, distance_m = corrected(self.part, c).netd_k, self.distance_m(c)
+    def left(self, c, distance_m=None):
+        """`quartile` of what is corrected by a Calibration, with so much Air before each pixel, in
+        noise units as stated."""
+        stated = corrected(self.part, c).netd_k
 
         def at(noise):
             noisy = c._replace(noise=noise)
@@ -327,6 +331,8 @@ def _sample(cube, left_out=None):
     pixels = min(SAMPLES * good.size // max(1, np.count_nonzero(good)), MOST_SAMPLES)
     down = min(max(1, int((height * width / pixels) ** 0.5)), height)
     across = max(1, -(-height // down) * width // pixels)
+    if across > width:  # of a narrow picture one column says enough
+        down = height // pixels
     bands = scratch.parts(cube.radiance)
     radiance = np.stack([band[::down, ::across] for band in bands])
     good = good[::down, ::across]

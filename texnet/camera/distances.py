@@ -46,8 +46,8 @@ def distances(cube, environment, look, materials, found):
             return np.full(afar.shape, np.inf)
 
     octaves = likeliest_octaves(found, nats_of, afar, among_neighbours)
-    nearer = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
-    return np.float32(found.air.metres) * 2**nearer
+    farther = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
+    return np.float32(found.air.metres) * 2**farther
 
 
 def among_neighbours(nats):

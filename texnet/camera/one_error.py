@@ -31,7 +31,7 @@ SUSPECT = 0.25  # nats per pixel over a right camera, and at most as many below 
 class Kind(NamedTuple):
     """What may be wrong: of(error) is its Calibration; the steps of the search and how far it
     goes; which errors are looked at first; the least that counts; the nats per pixel that it must
-    gain, and by how many it must lead another kind, or by that one's, if they are less."""
+    gain; and its lead: of two kinds the lesser is what the likelier must be ahead by."""
 
     of: Callable
     step: float
@@ -63,10 +63,11 @@ LEVELS = GAIN, OFFSET
 
 
 def shift_kind(wavelength_um):
-    """The Kind of bands (bands,) in um that are all off by parts of the distance between them."""
+    """The Kind of bands (bands,) in um that are all off by parts of the distance between them; half
+    a step of the search is the least that is found."""
     spacing = float(np.median(np.diff(wavelength_um)))
     of = lambda error: Calibration(shift_um=round(error * spacing, 5))
-    return Kind(of, 0.1, 0.6, (0.1, 0.3), 0.02, 0.5, 0.05)
+    return Kind(of, 0.1, 0.6, (0.1, 0.3), 0.05, 0.5, 0.05)
 
 
 def one_error(nats_of, sky, kinds):
