@@ -554,7 +554,7 @@ def test_npy(tmp_path, in_parts, order, flag, ends):
 
 @pytest.mark.parametrize("axis", ["wavelengths_um", "wavenumbers_cm1"])
 def test_the_width_of_bands_may_be_stated(tmp_path, axis):
-    """A scene through box-shaped filters, 1 um or 40 cm-1 wide, is what comes out of its file."""
+    """Filters 1 um wide, and 40 cm-1, which in um are wider the longer their wavelength."""
     centre, width = (np.linspace(8.5, 13, 6), 1.0) if axis == "wavelengths_um" else (NU, 40.0)
     np.save(tmp_path / "a.npy", np.tile(S, (1, 8, 8)))
     cube, note = import_cube(
@@ -576,6 +576,8 @@ def test_a_width_is_stated_once_and_of_bands_in_nm_in_um(tmp_path, capfd):
     assert "need a width above 0" in refused(capfd, *words[:-1], "0")
     with pytest.raises(InputError, match="fwhm must be one width above 0"):
         import_cube(path, "W/m2/sr/um", fwhm=[0.2] * 6)
+    with pytest.raises(InputError, match="fwhm must be real numbers"):
+        import_cube(path, "W/m2/sr/um", fwhm=[[0.2], [0.2, 0.2]])
     # a heat cube whose bands were taken as narrow
     write_cube(HeatCube(S[::-1], W[::-1]), tmp_path / "narrow.npz")
     assert (import_cube(tmp_path / "narrow.npz", fwhm=0.3)[0].fwhm_um == 0.3).all()

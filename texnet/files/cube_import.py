@@ -152,11 +152,12 @@ def _with_width(raw, path, fwhm):
     """raw with the width that the caller states of every band, where the file does not."""
     if fwhm is None:
         return raw
-    if np.ndim(fwhm) or not 0 < numbers(fwhm, "cube: fwhm") < np.inf:
+    width = numbers(fwhm, "cube: fwhm")
+    if width.ndim or not 0 < width < np.inf:
         raise InputError(f"cube: fwhm must be one width above 0, got {fwhm!r}.")
     if raw.fwhm is not None and np.any(raw.fwhm):
         raise InputError(f"cube: {path} states the widths of its bands; leave out --fwhm.")
-    width = fwhm * PER_UM.get(raw.axis, 1.0)
+    width = float(width) * PER_UM.get(raw.axis, 1.0)
     return raw._replace(fwhm=np.full(len(raw.centre), width))
 
 
