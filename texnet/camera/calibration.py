@@ -64,9 +64,9 @@ QUARTER = 0.25  # of the pixels: those that fit best
 MOST = 0.68  # of the pixels, as of errors within a standard deviation
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
-# of the misfit beyond noise, at most, where air is taken out: on eight scenes used for tuning 0 to
-# 0.45, and where something else was wrong 0.6 and more; and where it is suspected: 0.5 to 0.8
-# behind much damp air of wrong lines, 0.82 and more where curves were wrong
+# of the misfit beyond noise, at most, where air is taken out, and where it is suspected: on scenes
+# used for tuning 0 to 0.45 behind air (of one scene 0.6 and 0.7), 0.77 and more where curves were
+# wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
