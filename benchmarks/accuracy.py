@@ -28,8 +28,9 @@ from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
+from texnet.methods import METHODS
 from texnet.metrics import evaluate
-from texnet.pipeline import METHODS, decompose
+from texnet.pipeline import decompose
 from training.scenes import BASE_SEED
 
 BANDS = (4, 9, 18, 54, 100)

@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks.colours import BLUE, GREEN, ORANGE, VERMILLION
 from physics.machinery.whole_file import whole_file
-from texnet.pipeline import METHODS
+from texnet.methods import METHODS
 
 STYLE = {
     "local": (BLUE, "o-"), "sgd": (GREEN, "^--"), "net": (ORANGE, "s-."),

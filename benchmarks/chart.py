@@ -57,8 +57,9 @@ from physics.machinery.whole_file import whole_file
 from texnet.budget import ERRORS
 from texnet.files.weights import load_network
 from texnet.learned import torch_model
+from texnet.methods import METHODS
 from texnet.metrics import correlation, evaluate, non_sky
-from texnet.pipeline import METHODS, decompose
+from texnet.pipeline import decompose
 
 BANDS = (4, 18, 54)
 RANDOM_SCENES, PRESETS = 5, ("forest",)

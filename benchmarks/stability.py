@@ -5,7 +5,8 @@
 One difficulty at a time is turned up (AXES) on path-traced test scenes, 50 mK and 54 bands
 unless that is the difficulty, in pictures of 72 x 96 pixels; the environment is estimated from
 each cube (k = 5, or where the sky may be out of view as many as by default), the library is the
-whole starter library. Per axis, level, scene and method a row of stability.csv:
+whole starter library. Methods that look at pixels alike share what is found before any is solved
+(`texnet.circumstances`). Per axis, level, scene and method a row of stability.csv:
 
     the errors of T (K), its median sigma and how many errors lie within one and two of them
     material accuracy, abstention, accuracy among the answered, correlation of the texture
@@ -55,8 +56,9 @@ from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands, add_noise
 from physics.simulator.trace import Tracer
 from physics.sky import level_transmittance
+from texnet.circumstances import circumstances
 from texnet.metrics import evaluate, non_sky
-from texnet.pipeline import METHODS, decompose
+from texnet.pipeline import answered, method_of
 from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS = (72, 96), 64, 54
@@ -65,6 +67,7 @@ COLUMNS = (
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
+ALIKE = ("local", "sgd"), ("net", "net+sgd")  # look alike, by the last one's looks
 COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
 
 
@@ -439,8 +442,9 @@ AXES = {
 # --- what is measured ---------------------------------------------------------------------
 
 
-def answer(case, method, model):
-    """The Decomposition of a case; the environment is off by what the case says."""
+def answers(case, methods, model):
+    """{method: Decomposition} of a Case by methods that look at it alike; the environment is off by
+    what the case says. model is that of net+sgd."""
     environment = None
     if case.wrong_k:
         environment = estimate_environment(case.cube, case.library, case.k)
@@ -448,10 +452,10 @@ def answer(case, method, model):
         slope = planck_derivative(w, brightness_temperature(w, s))
         environment = replace(environment, radiance=s + case.wrong_k * slope)
         environment = environment.off_by(case.stated_k) if case.stated_k else environment
-    return decompose(
-        case.cube, case.library, method=method, k=case.k, environment=environment,
-        calibration_error_k=case.said_k, model=model if method == "net+sgd" else None,
-    )  # fmt: skip
+    ways = {m: method_of(m, case.library, model if m == "net+sgd" else None) for m in methods}
+    looks = ways[methods[-1]].looks
+    of = circumstances(case.cube, case.library, looks, k=case.k, environment=environment)
+    return {m: answered(of, case.library, way, case.said_k) for m, way in ways.items()}
 
 
 def row_of(case, d, grey):
@@ -505,14 +509,17 @@ def measured(axis, level, view, library, model):
     case = AXES[axis].case(view, library, level)
     again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
     grey = brightness_k(case, view)
-    for method in METHODS:
-        row = of | {"method": method}
+    for methods in ALIKE:
         try:
-            d = answer(case, method, model)
-            moved = amplification(case, d, answer(again, method, model))
-            yield row | row_of(case, d, grey) | {"amplification": moved}
+            of_both = [answers(c, methods, model) for c in (case, again)]
         except InputError as e:  # one sentence instead of an answer
-            yield row | dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
+            none = dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
+            yield from (of | {"method": method} | none for method in methods)
+            continue
+        for method in methods:
+            d, other = (by[method] for by in of_both)
+            row = of | {"method": method} | row_of(case, d, grey)
+            yield row | {"amplification": amplification(case, d, other)}
 
 
 def missing_rows(scene, cube, truth, library, model):
@@ -523,8 +530,10 @@ def missing_rows(scene, cube, truth, library, model):
         if gone.mean() < LEAST_SHARE:
             continue
         case = Case(cube, truth, library.subset([m for m in library.names if m != name]))
-        for method in METHODS:
-            d = answer(case, method, model)
+        every = {}
+        for methods in ALIKE:
+            every |= answers(case, methods, model)
+        for method, d in every.items():
             off = np.abs(d.temperature_k - truth.temperature_k)
             right = np.array(d.material_names)[d.material] == seen
             yield {

@@ -8,7 +8,8 @@ import numpy as np
 from benchmarks import stability
 from benchmarks.atlas import draw, faults, page
 from benchmarks.rows import SETTINGS
-from benchmarks.stability import COLUMNS, METHODS, Axis, read
+from benchmarks.stability import COLUMNS, Axis, read
+from texnet.methods import METHODS
 
 AXES = {"noise": Axis("NETD (K)", (0.1, 1), None), "not measured": Axis("what", (0,), None)}
 

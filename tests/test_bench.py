@@ -12,6 +12,7 @@ from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from texnet.cli import main
+from texnet.methods import METHODS
 
 LIBRARY = MaterialLibrary.starter()
 
@@ -39,7 +40,7 @@ def test_stability_measures_the_axes_that_are_named(tmp_path, capfd, monkeypatch
     def rows(axis, level, view, library, model):
         done.add(axis)
         of = {"axis": axis, "level": float(level), "scene": view.name}
-        for method in stability.METHODS:
+        for method in METHODS:
             yield of | {"method": method} | dict.fromkeys(stability.COLUMNS, 0.5) | {"failure": ""}
 
     done = set()

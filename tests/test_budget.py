@@ -16,7 +16,7 @@ from physics.planck import planck
 from texnet.budget import CROP, best_first, choose, first_within, middle, thinned
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
-from texnet.pipeline import METHODS
+from texnet.methods import METHODS
 
 SLOW_IS_BETTER = {"careful": 40.0, "good": 20.0, "quick": 5.0}  # most accurate first
 

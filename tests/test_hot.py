@@ -15,7 +15,8 @@ from physics.library import MaterialLibrary
 from physics.planck import planck
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
-from texnet.pipeline import METHODS, decompose
+from texnet.methods import METHODS
+from texnet.pipeline import decompose
 
 LIBRARY = MaterialLibrary.starter()
 

@@ -20,8 +20,9 @@ from physics.known import known_arrays
 from physics.planck import brightness_temperature, noise_sigma, planck
 from texnet.baselines import baseline_pictures
 from texnet.learned import torch_model
+from texnet.methods import METHODS
 from texnet.metrics import texture_scores
-from texnet.pipeline import METHODS, decompose
+from texnet.pipeline import decompose
 from texnet.progress import COMPILING, compiling
 
 LIBRARY = MaterialLibrary.starter()

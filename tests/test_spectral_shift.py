@@ -20,7 +20,8 @@ from physics.sky import Atmosphere, sky_radiance
 from texnet.budget import choose
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
-from texnet.pipeline import METHODS, decompose
+from texnet.methods import METHODS
+from texnet.pipeline import decompose
 
 LIBRARY = MaterialLibrary.starter()
 LEAST_UM, NEAR_UM = 0.03, 0.025

@@ -11,7 +11,6 @@ from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.stability import (
     AXES,
-    METHODS,
     Case,
     View,
     amplification,
@@ -21,6 +20,7 @@ from benchmarks.stability import (
 )
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, planck
+from texnet.methods import METHODS
 from texnet.metrics import non_sky
 from texnet.pipeline import decompose
 
@@ -141,19 +141,20 @@ def test_what_is_said_of_a_missing_material(library, monkeypatch):
     no sigma covers nothing, at no cost."""
 
     def said(unknown, sigma):
-        def answer(case, method, model):
+        def answers(case, methods, model):
             t = case.truth
             names = np.array(t.material_names)
             right = np.array([case.library.names.index(n) if n in case.library.names else 0
                               for n in names])[t.material]  # fmt: skip
-            return SimpleNamespace(
+            one = SimpleNamespace(
                 material=right, material_names=case.library.names,
                 temperature_k=t.temperature_k + 1,
                 temperature_sigma_k=np.full(right.shape, sigma),
                 unknown=np.full(right.shape, unknown),
             )  # fmt: skip
+            return dict.fromkeys(methods, one)
 
-        monkeypatch.setattr(stability, "answer", answer)
+        monkeypatch.setattr(stability, "answers", answers)
         cube, truth = stability.shaded(FOREST, library)
         return list(missing_rows("forest", cube, truth, library, None))
 

@@ -15,6 +15,8 @@ from physics.expected import only
 from physics.known import MAX_T, known_arrays
 from physics.planck import brightness_temperature
 
+from .progress import Laps
+
 NETS = "net", "net+sgd"
 METHODS = "local", "sgd", *NETS
 WEIGHTS, ONNX = "texnet.safetensors", "texnet.onnx"  # in texnet/data: the network that ships
@@ -37,16 +39,18 @@ class Run(Protocol):
 
 class Method(NamedTuple):
     """looks() is a new Look, by net+sgd or local, by which circumstances and a glance are found;
-    expects, whether run makes use of what is expected."""
+    expects, whether run makes use of what is expected; lap, what counts the seconds of stages."""
 
     looks: Callable[[], Look]
     run: Run
     expects: bool
+    lap: Laps
 
 
 def by_network(library, model, refined=True, progress=None):
     """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
     progress(done, total)."""
+    lap = Laps()
 
     def known_of(environment, cube, seen):
         return only(known_arrays(cube, library, environment), seen)
@@ -68,14 +72,17 @@ def by_network(library, model, refined=True, progress=None):
 
     def run(environment, cube, seen, expected=None, regions=None):
         of = model if refined else partial(model, refined=False)
-        return answer(known_of(environment, cube, seen), cube, of, progress, expected, regions)
+        maps = answer(known_of(environment, cube, seen), cube, of, progress, expected, regions)
+        lap("network")
+        return maps
 
-    return Method(looks, run, expects=True)
+    return Method(looks, run, expects=True, lap=lap)
 
 
-def by_solver(library, smooth, report, lap):
+def by_solver(library, smooth, report):
     """local of a MaterialLibrary, or sgd, if smooth; report(what) gives a progress(done, total) or
-    None, lap(stage) is called after each stage of a run."""
+    None."""
+    lap = Laps()
     from .solver import solve_each, solve_smooth  # numba takes a second to load
 
     def there(seen):
@@ -91,7 +98,7 @@ def by_solver(library, smooth, report, lap):
         lap("local")
         return maps
 
-    return Method(lambda: look, run, expects=False)
+    return Method(lambda: look, run, expects=False, lap=lap)
 
 
 def _cut_off(maps, prior_k, cube):

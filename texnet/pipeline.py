@@ -1,15 +1,14 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
 First come the circumstances: bands, noise, the environment, and what is wrong with or before the
-camera, which is corrected (`circumstances`). Then a glance from afar at what materials there are
-and where (`glance`), and then every pixel is answered, by one of four `methods`.
+camera, which is corrected (`circumstances`). In these the pixels are answered (`answered`): after a
+glance from afar at what materials there are and where (`glance`), by one of four `methods`.
 
 Pixels that are far hotter than the rest are taken out before, and solved apart
 (`physics.cube.hot`).
 """
 
 import math
-import time
 from dataclasses import dataclass, field
 from functools import partial
 from inspect import signature
@@ -177,12 +176,18 @@ def decompose(
     """
     _check(cube, library, environment, method, k, seed, calibration_error_k, model)
     library = library or MaterialLibrary.starter()
-    seconds, clock = {}, time.perf_counter()
+    way = method_of(method, library, model, progress)
+    with compiling(progress if method not in NETS else None):  # which loads numba
+        of = circumstances(
+            cube, library, way.looks,
+            k=k, environment=environment, seed=seed, lap=way.lap, progress=progress,
+        )  # fmt: skip
+        return answered(of, library, way, calibration_error_k, progress)
 
-    def lap(stage):
-        nonlocal clock
-        now = time.perf_counter()
-        seconds[stage], clock = seconds.get(stage, 0.0) + now - clock, now
+
+def method_of(method, library, model=None, progress=None):
+    """The Method of that name, which answers pixels by a MaterialLibrary; model and progress as
+    `decompose` takes them."""
 
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
@@ -192,22 +197,24 @@ def decompose(
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model()
-        looks, run, expects = by_network(library, model, method == "net+sgd", report("network"))
+        way = by_network(library, model, method == "net+sgd", report("network"))
     else:
-        looks, run, expects = by_solver(library, method == "sgd", report, lap)
-    lap("loading")
-    with compiling(progress if method not in NETS else None):  # which loads numba
-        of = circumstances(
-            cube, library, looks,
-            k=k, environment=environment, seed=seed, lap=lap, progress=progress,
-        )  # fmt: skip
-        cold, is_hot, hot_radiance = split_hot(of.cube)
-        maps = glance.answer(
-            partial(run, of.environment), partial(looks(), of.environment), cold, len(library),
-            expects,
-        )  # fmt: skip
-    if method in NETS:
-        lap("network")
+        way = by_solver(library, method == "sgd", report)
+    way.lap("loading")
+    return way
+
+
+def answered(of, library, way, calibration_error_k=0.0, progress=None):
+    """The Decomposition of a cube whose Circumstances were found by the same MaterialLibrary and by
+    this Method or one that looks alike, as local and sgd do, and net and net+sgd.
+
+    calibration_error_k, progress  as `decompose` takes them
+    """
+    cold, is_hot, hot_radiance = split_hot(of.cube)
+    maps = glance.answer(
+        partial(way.run, of.environment), partial(way.looks(), of.environment), cold, len(library),
+        way.expects,
+    )  # fmt: skip
     if is_hot.any():
         from .solver import solve_hot  # numba takes a second to load
 
@@ -216,7 +223,7 @@ def decompose(
         for name, a in of_hot.items():
             maps[name][..., is_hot] = a
             scratch.release(maps[name])
-        lap("hot")
+        way.lap("hot")
     maps = _with_scene_errors(maps, library, of, calibration_error_k)
     ready, found, air = of.ready, of.found, of.found.air
     return Decomposition(
@@ -232,7 +239,7 @@ def decompose(
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
         suspected_error_k=found.suspected_k, environment_error_k=of.environment_error_k,
-        left_out=ready.left_out, objective=maps.get("objective", ()), seconds=seconds,
+        left_out=ready.left_out, objective=maps.get("objective", ()), seconds=way.lap.seconds,
     )  # fmt: skip
 
 

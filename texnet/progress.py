@@ -1,9 +1,23 @@
-"""Progress on a terminal: report(done, total, what) drawn as one bar on stderr."""
+"""Progress on a terminal: report(done, total, what) drawn as one bar on stderr; and how long stages
+took."""
 
 import sys
+import time
 from contextlib import contextmanager
 
 COMPILING = "compiling, for the first time only"
+
+
+class Laps:
+    """seconds is {stage: s}, of which each call adds those since the last, or since the first."""
+
+    def __init__(self):
+        self.seconds, self._clock = {}, time.perf_counter()
+
+    def __call__(self, stage):
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._clock
+        self._clock = now
 
 
 @contextmanager
