@@ -47,10 +47,10 @@ class Method(NamedTuple):
     lap: Laps
 
 
-def by_network(library, model, refined=True, progress=None):
+def by_network(library, model, refined=True, progress=None, lap=None):
     """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
-    progress(done, total)."""
-    lap = Laps()
+    progress(done, total), lap Laps, new ones if None."""
+    lap = lap or Laps()
 
     def known_of(environment, cube, seen):
         return only(known_arrays(cube, library, environment), seen)
@@ -79,10 +79,9 @@ def by_network(library, model, refined=True, progress=None):
     return Method(looks, run, expects=True, lap=lap)
 
 
-def by_solver(library, smooth, report):
+def by_solver(library, smooth, report, lap):
     """local of a MaterialLibrary, or sgd, if smooth; report(what) gives a progress(done, total) or
-    None."""
-    lap = Laps()
+    None, lap is Laps."""
     from .solver import solve_each, solve_smooth  # numba takes a second to load
 
     def there(seen):

@@ -26,7 +26,7 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from . import glance
 from .circumstances import circumstances
 from .methods import METHODS, NETS, by_network, by_solver
-from .progress import compiling
+from .progress import Laps, compiling
 from .uncertainty import (
     shared_error_k,
     sigma_among_neighbours,
@@ -188,6 +188,7 @@ def decompose(
 def method_of(method, library, model=None, progress=None):
     """The Method of that name, which answers pixels by a MaterialLibrary; model and progress as
     `decompose` takes them."""
+    lap = Laps()
 
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
@@ -197,10 +198,10 @@ def method_of(method, library, model=None, progress=None):
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model()
-        way = by_network(library, model, method == "net+sgd", report("network"))
+        way = by_network(library, model, method == "net+sgd", report("network"), lap)
     else:
-        way = by_solver(library, method == "sgd", report)
-    way.lap("loading")
+        way = by_solver(library, method == "sgd", report, lap)
+    lap("loading")
     return way
 
 
