@@ -17,6 +17,8 @@ from .bands import band_means, quadrature
 from .planck import planck
 from .sky import level_transmittance, usual_atmosphere
 
+OPAQUE = 0.005  # transmittance below which nothing is seen through air but its noise
+
 
 class Air(NamedTuple):
     """So many metres of air of temperature_k, K, in front of a camera: per band its transmittance
@@ -31,14 +33,7 @@ class Air(NamedTuple):
     def of(metres, temperature_k, wavelength_um, fwhm_um):
         """Air of usual humidity, at bands (bands,) of centres and widths in um."""
         atmosphere, nodes = usual_atmosphere(temperature_k), quadrature(wavelength_um, fwhm_um)
-        t = lambda w: level_transmittance(w, metres, atmosphere)
+        t = lambda w: np.maximum(level_transmittance(w, metres, atmosphere), OPAQUE)
         path_radiance = band_means(lambda w: (1 - t(w)) * planck(w, temperature_k), nodes)
         means = (tuple(a.tolist()) for a in (band_means(t, nodes), path_radiance))
         return Air(float(metres), float(temperature_k), *means)
-
-    @property
-    def noise(self):
-        """How many times as noisy S is as S': the geometric mean over bands of 1 / t, by which
-        log likelihoods stay comparable. One number: 300 m leave the last of 54 bands twice as much
-        noise as that, and the windows less."""
-        return float(np.exp(-np.log(self.transmittance).mean()))

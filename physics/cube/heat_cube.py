@@ -71,6 +71,8 @@ class HeatCube(ReadOnly):
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
     dead           (height, width) bool, pixels that were not measured, as the camera's maker may
                    say; those that are found are added
+    relative_noise  (bands,) noise of each band over that which netd_k says, as air leaves it that
+                   was taken out; 1 of all if None
 
     Raises InputError, in one sentence, where the data are not that.
     """
@@ -80,6 +82,7 @@ class HeatCube(ReadOnly):
     fwhm_um: np.ndarray | None = None
     netd_k: float | None = None
     dead: np.ndarray | None = None
+    relative_noise: np.ndarray | None = None
 
     def __post_init__(self):
         given = numbers(self.radiance, "cube: radiance")
@@ -127,12 +130,18 @@ class HeatCube(ReadOnly):
                 f"cube: NETD must be above 0 and at most {MAX_NETD_K:g} K, got {self.netd_k}; "
                 "give it in K, not in mK."
             )
-        for array in (s, width, dead):
+        relative = np.ones_like(w)
+        if self.relative_noise is not None:
+            relative = numbers(self.relative_noise, "cube: relative_noise").astype(np.float64)
+        if relative.shape != w.shape or not (np.isfinite(relative) & (relative > 0)).all():
+            raise InputError("cube: relative_noise must hold one number above 0 per band.")
+        for array in (s, width, dead, relative):
             array.setflags(write=False)
         object.__setattr__(self, "radiance", s)
         object.__setattr__(self, "wavelength_um", w)
         object.__setattr__(self, "fwhm_um", width)
         object.__setattr__(self, "dead", dead)
+        object.__setattr__(self, "relative_noise", relative)
         if self.netd_k is not None:
             object.__setattr__(self, "netd_k", float(netd))
 
@@ -198,8 +207,10 @@ class HeatCube(ReadOnly):
             scratch.release(self.radiance)
             scratch.release(radiance)
         radiance.setflags(write=False)
-        w, width = self.wavelength_um[good], self.fwhm_um[good]
-        return HeatCube(radiance, w, width, self.netd_k, self.dead)
+        return replace(
+            self, radiance=radiance, wavelength_um=self.wavelength_um[good],
+            fwhm_um=self.fwhm_um[good], relative_noise=self.relative_noise[good],
+        )  # fmt: skip
 
     def measured(self):
         """radiance, but NaN where a pixel is dead."""
@@ -210,7 +221,7 @@ class HeatCube(ReadOnly):
         """(bands,) noise standard deviation, W m-2 sr-1 um-1; needs netd_k."""
         if self.netd_k is None:
             raise InputError("cube: its NETD is not known; set netd_k or call with_netd().")
-        return noise_sigma(self.wavelength_um, self.netd_k)
+        return noise_sigma(self.wavelength_um, self.netd_k) * self.relative_noise
 
     def with_netd(self):
         """This cube, with the NETD that its own pixels show where it is not known (`netd`).

@@ -51,7 +51,7 @@ from ..glance import LEAST_MATERIALS
 from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
-from .correction import RIGHT, corrected, corrected_environment
+from .correction import RIGHT, corrected, corrected_environment, lifted_nats
 from .distances import likeliest_octaves
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
 
@@ -262,7 +262,8 @@ class _Scene(NamedTuple):
             surroundings, part = corrected_environment(self.environment, c), corrected(self.part, c)
             if not self.library.covers(quadrature(part.wavelength_um, part.fwhm_um)).all():
                 return np.full(part.radiance[0].size, np.inf)
-            nats = -self.maps(surroundings, part, look)["log_evidence"].ravel().astype(np.float64)
+            nats = -self.maps(surroundings, part, look)["log_evidence"].astype(np.float64)
+            nats = (nats + lifted_nats(self.part, c)).ravel()
         except Implausible:  # nothing looks like that
             return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)
@@ -270,7 +271,10 @@ class _Scene(NamedTuple):
     def moved_k(self, *calibrations):
         """K by which T of most of the ground differs between two Calibrations."""
         one, other = (
-            self.maps(corrected_environment(self.environment, c), corrected(self.part, c))
+            self.maps(
+                corrected_environment(self.environment, c),
+                corrected(self.part, c, self.distance_m(c) if c.air else None),
+            )
             for c in calibrations
         )
         moved = np.abs(one["temperature_k"] - other["temperature_k"])
@@ -293,7 +297,7 @@ class _Scene(NamedTuple):
     def left(self, c, distance_m=None):
         """`quartile` of what is corrected by a Calibration, with so much Air before each pixel, in
         noise units as stated."""
-        stated = corrected(self.part, c).netd_k
+        stated = corrected(self.part, c, distance_m).netd_k
 
         def at(noise):
             noisy = c._replace(noise=noise)

@@ -7,7 +7,6 @@ may lie at other wavelengths than it says.
 
 import math
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from physics.machinery import scratch
 from physics.planck import noise_sigma
 
 DARKEST = 0.05  # what is left of a radiance, at least
+FAR = 0.75  # of the pixels are nearer than that behind whose air the noise is assumed
 STEP = 0.1  # of ln metres, where each pixel has a distance of its own
 
 
@@ -64,15 +64,20 @@ RIGHT = Calibration()
 
 def corrected(cube, c, distance_m=None):
     """The HeatCube that a right camera would have shown, of a Calibration; distance_m (height,
-    width) of the Air before each pixel, if None the Calibration's. The noise is always that of the
-    Calibration's Air."""
-    noise = c.noise * (c.air.noise if c.air else 1.0)
-    netd_k = min(cube.netd_k * noise / c.gain, MAX_NETD_K)
+    width) of the Air before each pixel, if None the Calibration's.
+
+    Its noise is one for all pixels, but not for all bands: of one that lets a tenth through it is
+    ten times as much. Of several distances it is that of a far one, whose opaque bands would
+    mislead, while those of a near one say little anyway."""
     if c.shift_um:
         cube = cube.moved(c.shift_um)
+    w = cube.wavelength_um
+    far = c if distance_m is None else _farther(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
+    _, whole = _offset_and_gain(w, far)
+    mean = math.exp(np.log(whole).mean())
+    netd_k = min(cube.netd_k * c.noise / mean, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
-    w = cube.wavelength_um
     at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, w, cube.fwhm_um)
     all_of = np.array([_offset_and_gain(w, c) for c in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
@@ -81,7 +86,8 @@ def corrected(cube, c, distance_m=None):
         radiance[b] = _corrected(band, offset, gain)
         scratch.release(radiance)
     radiance.setflags(write=False)
-    return replace(cube, radiance=radiance, netd_k=netd_k)
+    relative_noise = cube.relative_noise * mean / whole
+    return replace(cube, radiance=radiance, netd_k=netd_k, relative_noise=relative_noise)
 
 
 def _by_distance(distance_m, c, wavelength_um, fwhm_um):
@@ -89,9 +95,13 @@ def _by_distance(distance_m, c, wavelength_um, fwhm_um):
     before each pixel, to STEP."""
     steps = np.round(np.log(distance_m / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
-    of = partial(Air.of, wavelength_um=wavelength_um, fwhm_um=fwhm_um)
     metres = [c.air.metres * math.exp(STEP * n) for n in numbers]
-    return steps - numbers[0], [c._replace(air=of(m, c.air.temperature_k)) for m in metres]
+    return steps - numbers[0], [_farther(c, m, wavelength_um, fwhm_um) for m in metres]
+
+
+def _farther(c, metres, wavelength_um, fwhm_um):
+    """A Calibration with so many metres of its Air."""
+    return c._replace(air=Air.of(metres, c.air.temperature_k, wavelength_um, fwhm_um))
 
 
 def corrected_environment(environment, c):
@@ -120,4 +130,17 @@ def _offset_and_gain(wavelength_um, c):
 
 def _corrected(radiance, offset, gain):
     # the sky overhead, which is not in view, may be darker than an offset
-    return np.maximum(radiance - offset, DARKEST * radiance) / gain
+    return np.maximum((radiance - offset) / gain, DARKEST * radiance)
+
+
+def lifted_nats(cube, c):
+    """(height, width) by how many nats it is unlikely that a HeatCube is as dark as it is, of a
+    Calibration by which it would be darker than DARKEST: what `corrected` lifts, and so hides."""
+    nats = np.zeros(cube.shape)
+    if c.keeps_radiance:
+        return nats
+    offset, gain = _offset_and_gain(cube.wavelength_um - c.shift_um, c)
+    for band, o, g, sigma in zip(cube.radiance, offset, gain, cube.sigma * c.noise, strict=True):
+        lifted = np.maximum(DARKEST * g * band - (band - o), 0)
+        nats += (lifted / sigma) ** 2 / 2
+    return nats

@@ -20,7 +20,7 @@ from physics.errors import Implausible
 from physics.expected import Expected
 
 from ..glance import PATCH, from_afar
-from .correction import corrected
+from .correction import corrected, lifted_nats
 from .one_error import lowest
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
@@ -41,7 +41,8 @@ def distances(cube, environment, look, materials, found):
 
     def nats_of(c):
         try:
-            return -look(environment, corrected(afar, c), every)["log_evidence"]
+            nats = -look(environment, corrected(afar, c), every)["log_evidence"]
+            return nats + lifted_nats(afar, c)
         except Implausible:  # nothing looks like that
             return np.full(afar.shape, np.inf)
 
