@@ -18,7 +18,13 @@ from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
 from texnet.camera.calibration import _Scene
-from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
+from texnet.camera.correction import (
+    RIGHT,
+    Calibration,
+    corrected,
+    corrected_environment,
+    lifted_nats,
+)
 from texnet.camera.distances import OCTAVES, among_neighbours, likeliest_octaves
 from texnet.files.cube_io import write_cube
 from texnet.learned import shipped_network
@@ -111,10 +117,9 @@ def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, off
     shown = HeatCube(gain * seen.radiance + offset, W, FWHM, 0.05)
     back = corrected(shown, c)
     np.testing.assert_allclose(back.radiance, cube.radiance, rtol=1e-3)
-    # what is left of the light has the noise of all of it, in the geometric mean over bands
     noisy = replace(shown, radiance=shown.radiance + shown.sigma[:, None, None].astype(np.float32))
     more = np.median(corrected(noisy, c).radiance - back.radiance, axis=(1, 2))
-    assert np.log(more / back.sigma).mean() == pytest.approx(0, abs=0.02)
+    np.testing.assert_allclose(more, back.sigma, rtol=0.02)  # of each band, by what it lets through
 
 
 def test_the_sky_overhead_is_not_behind_the_air():
@@ -254,6 +259,28 @@ def test_pixels_are_corrected_by_the_air_before_them():
         np.testing.assert_allclose(
             t(near.radiance[..., column]), t(by_itself), atol=0.05 * (t(by_itself).max() - 250)
         )
+
+
+def test_of_many_distances_the_noise_is_that_of_a_far_one():
+    cube = traced("forest", 24)[0]
+    of = lambda m: Calibration(air=Air.of(m, 283.0, cube.wavelength_um, cube.fwhm_um))
+    metres = np.where(np.arange(cube.shape[1]) < 20, 50.0, 400.0) * np.ones(cube.shape)
+    several, far = corrected(cube, of(100.0), metres), corrected(cube, of(400.0))
+    np.testing.assert_allclose(several.sigma, far.sigma, rtol=1e-9)
+    assert (far.sigma / cube.sigma).max() > 2 > 1.2 > (far.sigma / cube.sigma).min() > 1
+
+
+def test_what_would_be_darker_than_dark_is_unlikely():
+    """By the chi-square of the noise that would make it so."""
+    air = Air.of(1000.0, 290.0, W, FWHM)
+    t, glow = (np.array(a)[:, None, None] for a in (air.transmittance, air.path_radiance))
+    s = planck(W[:, None], np.array([250.0, 300.0]))[..., None]  # where opaque, less than the glow
+    cube, c = HeatCube(s, W, FWHM, 1.0), Calibration(air=air)
+    too_much = (t * corrected(cube, c).radiance + glow - s) / cube.sigma[:, None, None]
+    of_cold, of_warm = lifted_nats(cube, c)[:, 0]
+    assert of_cold == pytest.approx((too_much[:, 0] ** 2).sum() / 2, rel=1e-3) and of_cold > 10
+    assert of_warm == 0 and (lifted_nats(cube, RIGHT) == 0).all()
+    assert lifted_nats(cube, c._replace(noise=2.0))[0] == pytest.approx(of_cold / 4)
 
 
 def octaves(nats, *among):

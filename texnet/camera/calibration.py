@@ -65,7 +65,7 @@ MOST = 0.68  # of the pixels, as of errors within a standard deviation
 JUST, PER_BAND = 1.03, 3.0  # noise units left of a right camera: JUST + PER_BAND / bands at most
 RISE = 0.1  # more than that, and it is not right
 # of the misfit beyond noise, at most, where air is taken out, and where it is suspected: on scenes
-# used for tuning 0 to 0.45 behind air (of one scene 0.6 and 0.7), 0.77 and more where curves were
+# used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 RAMP = 0.3  # so much more, and all that is left is noise
