@@ -25,7 +25,7 @@ FAULT = 1.1
 LOW_K, HIGH_K = 0.2, 10.0  # of the panels' axes, but where there is more to be seen
 HEAD = """# The atlas in figures
 
-    texnet bench stability --out stability      # two to three hours on two cores
+    texnet bench stability --out stability      # about two hours on two cores
 
 writes this page, `atlas.md`, with `atlas.png`, of `stability.csv` and `missing.csv`, which have a
 row for each answer. One difficulty at a time is turned up, see `benchmarks/stability.py`; 54 bands

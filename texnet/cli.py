@@ -305,7 +305,7 @@ def _measuring(to):
         "--large", action="store_true",
         help="a cube of 3.6 GB, too: five minutes more, and 20 GB of disk",
     )  # fmt: skip
-    text = "where methods fail, and whether they say so; two to three hours"
+    text = "where methods fail, and whether they say so; about two hours"
     p = _add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
