@@ -67,7 +67,8 @@ COLUMNS = (
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
-ALIKE = ("local", "sgd"), ("net", "net+sgd")  # look alike, by the last one's looks
+# look alike, by the last one's looks: net, too, by ONNX Runtime
+ALIKE = ("local", "sgd"), ("net", "net+sgd")
 COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
 
 

@@ -21,8 +21,8 @@ OPAQUE = 0.005  # transmittance below which nothing is seen through air but its 
 
 
 class Air(NamedTuple):
-    """So many metres of air of temperature_k, K, in front of a camera: per band its transmittance
-    and its path radiance (1 - t) B(T_air), W m-2 sr-1 um-1."""
+    """So many metres of air of temperature_k, K, in front of a camera: per band its transmittance,
+    OPAQUE at least, and its path radiance (1 - t) B(T_air), W m-2 sr-1 um-1."""
 
     metres: float
     temperature_k: float

@@ -27,6 +27,7 @@ from texnet.camera.correction import (
 )
 from texnet.camera.distances import OCTAVES, among_neighbours, likeliest_octaves
 from texnet.files.cube_io import write_cube
+from texnet.glance import from_afar
 from texnet.learned import shipped_network
 from texnet.pipeline import decompose
 from training.finetune import calibrated
@@ -281,6 +282,33 @@ def test_what_would_be_darker_than_dark_is_unlikely():
     assert of_cold == pytest.approx((too_much[:, 0] ** 2).sum() / 2, rel=1e-3) and of_cold > 10
     assert of_warm == 0 and (lifted_nats(cube, RIGHT) == 0).all()
     assert lifted_nats(cube, c._replace(noise=2.0))[0] == pytest.approx(of_cold / 4)
+
+
+def test_what_correcting_hides_counts_against_an_air():
+    cube, _ = traced("forest", 24)
+    certain = lambda environment, part, seen: {"log_evidence": np.zeros(part.shape)}
+    scene = _Scene(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, lambda: certain)
+    hot = Calibration(air=Air.of(1000.0, 300.0, cube.wavelength_um, cube.fwhm_um))
+    nats = scene.nats(certain, hot)
+    np.testing.assert_allclose(nats, lifted_nats(cube, hot).ravel())
+    assert nats.max() > 1 and (scene.nats(certain, RIGHT) == 0).all()
+
+
+def test_noise_by_band_stays_with_the_cube():
+    cube = traced("forest", 24)[0]
+    air = Air.of(300.0, 283.0, cube.wavelength_um, cube.fwhm_um)
+    behind = corrected(cube, Calibration(air=air))
+    np.testing.assert_allclose(from_afar(behind, 4).sigma, behind.sigma / 2)
+    some = np.arange(24) % 3 > 0
+    np.testing.assert_allclose(behind.only(some).sigma, behind.sigma[some])
+    np.testing.assert_allclose(behind.moved(0.0).sigma, behind.sigma)
+
+
+@pytest.mark.parametrize("wrong", [np.ones(5), np.zeros(13), np.full(13, np.nan), -np.ones(13)])
+def test_relative_noise_is_a_positive_number_for_each_band(wrong):
+    s = planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7))
+    with pytest.raises(InputError, match="one number above 0 per band"):
+        HeatCube(s, W, FWHM, 0.05, relative_noise=wrong)
 
 
 def octaves(nats, *among):

@@ -20,6 +20,7 @@ from benchmarks.stability import (
 )
 from physics import MaterialLibrary
 from physics.planck import brightness_temperature, planck
+from texnet.learned import torch_model
 from texnet.methods import METHODS
 from texnet.metrics import non_sky
 from texnet.pipeline import decompose
@@ -55,6 +56,16 @@ def test_every_case_is_a_cube_with_its_truth(axis, library):
         assert c.truth.material.shape == c.cube.shape
         assert c.truth.texture.shape == c.cube.radiance.shape
         c.truth.check_cube(c.cube)  # of the same wavelengths: what is answered can be compared
+
+
+@pytest.mark.parametrize("methods", stability.ALIKE)
+def test_what_is_found_once_is_what_each_method_finds(methods, library):
+    c, model = case("gain off", 3, library), torch_model()
+    for method, d in stability.answers(c, methods, model).items():
+        own = decompose(c.cube, library, method=method, k=c.k, model=model)
+        assert d.gain == own.gain != 1
+        for name in ("temperature_k", "temperature_sigma_k", "material"):
+            np.testing.assert_array_equal(getattr(d, name), getattr(own, name))
 
 
 def test_first_levels_are_harmless(library):

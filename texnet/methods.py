@@ -15,8 +15,6 @@ from physics.expected import only
 from physics.known import MAX_T, known_arrays
 from physics.planck import brightness_temperature
 
-from .progress import Laps
-
 NETS = "net", "net+sgd"
 METHODS = "local", "sgd", *NETS
 WEIGHTS, ONNX = "texnet.safetensors", "texnet.onnx"  # in texnet/data: the network that ships
@@ -32,25 +30,24 @@ class Look(Protocol):
 
 class Run(Protocol):
     """The same as they are answered in the end, with progress: of those materials that are expected
-    (physics.expected.Expected) and, part by part, in Regions of the picture."""
+    (physics.expected.Expected) and, part by part, in Regions of the picture. lap(stage) is called
+    after each stage."""
 
-    def __call__(self, environment, cube, seen, expected=None, regions=None): ...
+    def __call__(self, environment, cube, seen, expected=None, regions=None, *, lap): ...
 
 
 class Method(NamedTuple):
     """looks() is a new Look, by net+sgd or local, by which circumstances and a glance are found;
-    expects, whether run makes use of what is expected; lap, what counts the seconds of stages."""
+    expects, whether run makes use of what is expected."""
 
     looks: Callable[[], Look]
     run: Run
     expects: bool
-    lap: Laps
 
 
-def by_network(library, model, refined=True, progress=None, lap=None):
+def by_network(library, model, refined=True, progress=None):
     """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
-    progress(done, total), lap Laps, new ones if None."""
-    lap = lap or Laps()
+    progress(done, total)."""
 
     def known_of(environment, cube, seen):
         return only(known_arrays(cube, library, environment), seen)
@@ -70,18 +67,18 @@ def by_network(library, model, refined=True, progress=None, lap=None):
 
         return look
 
-    def run(environment, cube, seen, expected=None, regions=None):
+    def run(environment, cube, seen, expected=None, regions=None, *, lap):
         of = model if refined else partial(model, refined=False)
         maps = answer(known_of(environment, cube, seen), cube, of, progress, expected, regions)
         lap("network")
         return maps
 
-    return Method(looks, run, expects=True, lap=lap)
+    return Method(looks, run, expects=True)
 
 
-def by_solver(library, smooth, report, lap):
+def by_solver(library, smooth, report):
     """local of a MaterialLibrary, or sgd, if smooth; report(what) gives a progress(done, total) or
-    None, lap is Laps."""
+    None."""
     from .solver import solve_each, solve_smooth  # numba takes a second to load
 
     def there(seen):
@@ -90,14 +87,14 @@ def by_solver(library, smooth, report, lap):
     def look(environment, cube, seen):
         return solve_each(cube, there(seen), environment)
 
-    def run(environment, cube, seen, expected=None, regions=None):
+    def run(environment, cube, seen, expected=None, regions=None, *, lap):
         if smooth:
             return solve_smooth(cube, there(seen), environment, report, lap)
         maps = solve_each(cube, there(seen), environment, regions, report("local"))
         lap("local")
         return maps
 
-    return Method(lambda: look, run, expects=False, lap=lap)
+    return Method(lambda: look, run, expects=False)
 
 
 def _cut_off(maps, prior_k, cube):

@@ -175,20 +175,20 @@ def decompose(
     Raises InputError where the library does not cover the bands, or an argument is wrong.
     """
     _check(cube, library, environment, method, k, seed, calibration_error_k, model)
-    library = library or MaterialLibrary.starter()
+    library, lap = library or MaterialLibrary.starter(), Laps()
     way = method_of(method, library, model, progress)
+    lap("loading")
     with compiling(progress if method not in NETS else None):  # which loads numba
         of = circumstances(
             cube, library, way.looks,
-            k=k, environment=environment, seed=seed, lap=way.lap, progress=progress,
+            k=k, environment=environment, seed=seed, lap=lap, progress=progress,
         )  # fmt: skip
-        return answered(of, library, way, calibration_error_k, progress)
+        return answered(of, library, way, calibration_error_k, lap, progress)
 
 
 def method_of(method, library, model=None, progress=None):
     """The Method of that name, which answers pixels by a MaterialLibrary; model and progress as
     `decompose` takes them."""
-    lap = Laps()
 
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
@@ -198,33 +198,32 @@ def method_of(method, library, model=None, progress=None):
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model()
-        way = by_network(library, model, method == "net+sgd", report("network"), lap)
-    else:
-        way = by_solver(library, method == "sgd", report, lap)
-    lap("loading")
-    return way
+        return by_network(library, model, method == "net+sgd", report("network"))
+    return by_solver(library, method == "sgd", report)
 
 
-def answered(of, library, way, calibration_error_k=0.0, progress=None):
+def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None):
     """The Decomposition of a cube whose Circumstances were found by the same MaterialLibrary and by
     this Method or one that looks alike, as local and sgd do, and net and net+sgd.
 
     calibration_error_k, progress  as `decompose` takes them
+    lap  Laps, whose seconds are the answer's; new ones if None
     """
+    lap = lap or Laps()
     cold, is_hot, hot_radiance = split_hot(of.cube)
     maps = glance.answer(
-        partial(way.run, of.environment), partial(way.looks(), of.environment), cold, len(library),
-        way.expects,
+        partial(way.run, of.environment, lap=lap), partial(way.looks(), of.environment), cold,
+        len(library), way.expects,
     )  # fmt: skip
     if is_hot.any():
         from .solver import solve_hot  # numba takes a second to load
 
-        with compiling(progress):
+        with compiling(progress if way.expects else None):  # the others report it already
             of_hot = solve_hot(cold, hot_radiance, library, of.environment)
         for name, a in of_hot.items():
             maps[name][..., is_hot] = a
             scratch.release(maps[name])
-        way.lap("hot")
+        lap("hot")
     maps = _with_scene_errors(maps, library, of, calibration_error_k)
     ready, found, air = of.ready, of.found, of.found.air
     return Decomposition(
@@ -240,7 +239,7 @@ def answered(of, library, way, calibration_error_k=0.0, progress=None):
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
         suspected_error_k=found.suspected_k, environment_error_k=of.environment_error_k,
-        left_out=ready.left_out, objective=maps.get("objective", ()), seconds=way.lap.seconds,
+        left_out=ready.left_out, objective=maps.get("objective", ()), seconds=lap.seconds,
     )  # fmt: skip
 
 

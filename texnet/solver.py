@@ -70,7 +70,8 @@ def _compiled(cube, library, environment):
 def solve_hot(cube, radiance, library, environment):
     """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, of
     radiance (bands, n), as `physics.cube.hot` parts them."""
-    noisy = replace(cube, netd_k=hot.netd_k(cube, radiance))
+    # most of it is of the curves, which no air before the camera changes
+    noisy = replace(cube, netd_k=hot.netd_k(cube, radiance), relative_noise=None)
     model = reduce_model(noisy, library, environment, _of_hot(cube.wavelength_um, radiance))
     with no_blas_threads():
         maps = _by_tiles(model, radiance[:, None], numba.get_num_threads())

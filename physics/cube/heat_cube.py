@@ -1,7 +1,7 @@
 """HeatCube: what a thermal hyperspectral camera measured, checked once, then trusted."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class HeatCube(ReadOnly):
     dead           (height, width) bool, pixels that were not measured, as the camera's maker may
                    say; those that are found are added
     relative_noise  (bands,) noise of each band over that which netd_k says, as air leaves it that
-                   was taken out; 1 of all if None
+                   was taken out (`texnet.camera.correction`); 1 of all if None; not kept in files
 
     Raises InputError, in one sentence, where the data are not that.
     """
@@ -82,7 +82,7 @@ class HeatCube(ReadOnly):
     fwhm_um: np.ndarray | None = None
     netd_k: float | None = None
     dead: np.ndarray | None = None
-    relative_noise: np.ndarray | None = None
+    relative_noise: np.ndarray | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         given = numbers(self.radiance, "cube: radiance")

@@ -100,47 +100,56 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
     camera, suspected = one_error(nats_of, sky, kinds)
     if camera.shift_um:
         return camera
-    found, misfit, unfit = _that_fits(scene, nats_of, camera, sky)
+    found, misfit, unfit, noise = _that_fits(scene, nats_of, camera, sky)
     if misfit > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
         if evened is not None and 0 < (less := scene.left(evened)) <= _just(cube):
             found, misfit, unfit = evened, less, []
-    suspected_k = _suspected_k(scene, nats_of, found, [*suspected, *unfit])
+    suspected_k = _suspected_k(scene, nats_of, found, [*suspected, *unfit], noise)
     return _with_noise(found._replace(suspected_k=suspected_k), misfit, cube)
 
 
 def _that_fits(scene, nats_of, camera, sky):
     """The first Calibration by which the pixels of a _Scene are likelier and fit, RIGHT if none,
-    given its one error; what is left with it; and those likelier that do not fit."""
+    given its one error; what is left with it; those likelier that do not fit; and the noise that
+    it takes if nothing is wrong."""
     just, all_left = _just(scene.part), scene.left(RIGHT)
-    noise = _with_noise(RIGHT, all_left, scene.part).noise  # that it takes if nothing else is wrong
+    noise = _with_noise(RIGHT, all_left, scene.part).noise
     tried, unfit = {RIGHT}, []
     for likelier in _likelier(nats_of, camera, scene.part, scene.environment, sky):
         if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
             continue
         tried.add(likelier)
-        at_noise = likelier._replace(noise=noise)
-        left = scene.left(likelier, scene.distance_m(at_noise) if likelier.air else None)
+        left = scene.left(likelier, scene.distance_m(likelier, noise))
         if not left:  # of the ground too little would be left
             continue
         share = (left - 1) / max(all_left - 1, 1e-9)
         if left <= just + RISE or likelier.air and share < AIR_LEAVES:
-            return likelier, left, unfit
+            return likelier, left, unfit, noise
         if not likelier.air or share < AIR_MAY_LEAVE:
             unfit.append(likelier)
-    return RIGHT, all_left, unfit
+    return RIGHT, all_left, unfit, noise
 
 
-def _suspected_k(scene, nats_of, found, suspected):
+def _suspected_k(scene, nats_of, found, suspected, noise):
     """K by which T of a _Scene may be another than with the Calibration found, rms of those that
-    are suspected and as likely; 0 if none is."""
+    are suspected and as likely; 0 if none is. Distances are what they are at a noise."""
     if found.bands:  # whose gains are many enough to make up for any error of all
         suspected = [c for c in suspected if scene.left(c) <= _just(scene.part) + RISE]
     else:
         loss = losses({c: nats_of(c) for c in (found, *suspected)})
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
-    moved_k = [scene.moved_k(c, found) for c in suspected]
-    return float(np.sqrt(np.mean(np.square(moved_k)))) if suspected else 0.0
+    if not suspected:
+        return 0.0
+    here = scene.ground_k(found, noise)
+    moved_k = [_most(np.abs(scene.ground_k(c, noise) - here)) for c in suspected]
+    return float(np.sqrt(np.mean(np.square(moved_k))))
+
+
+def _most(moved_k):
+    """K that most of the ground moved at most; 0 of too little."""
+    moved_k = moved_k[np.isfinite(moved_k)]
+    return float(np.quantile(moved_k, MOST)) if moved_k.size >= LEAST_GROUND else 0.0
 
 
 def _likelier(nats_of, camera, part, environment, sky):
@@ -268,18 +277,12 @@ class _Scene(NamedTuple):
             return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)
 
-    def moved_k(self, *calibrations):
-        """K by which T of most of the ground differs between two Calibrations."""
-        one, other = (
-            self.maps(
-                corrected_environment(self.environment, c),
-                corrected(self.part, c, self.distance_m(c) if c.air else None),
-            )
-            for c in calibrations
-        )
-        moved = np.abs(one["temperature_k"] - other["temperature_k"])
-        moved = moved[(one["material"] != self.library.sky_index) & np.isfinite(moved)]
-        return float(np.quantile(moved, MOST)) if moved.size >= LEAST_GROUND else 0.0
+    def ground_k(self, c, noise):
+        """T of pixels corrected by a Calibration, at the distances that are likeliest at a noise;
+        NaN of sky."""
+        taken = corrected(self.part, c, self.distance_m(c, noise))
+        maps = self.maps(corrected_environment(self.environment, c), taken)
+        return np.where(maps["material"] == self.library.sky_index, np.nan, maps["temperature_k"])
 
     def quartile(self, maps):
         """What is left, in noise units, even of the ground's pixels that fit best; 0 where there
@@ -288,11 +291,15 @@ class _Scene(NamedTuple):
         residual = residual[np.isfinite(residual)]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
-    def distance_m(self, c):
-        """(height, width) m of a Calibration's Air that are likeliest before each pixel."""
+    def distance_m(self, c, noise):
+        """(height, width) m of a Calibration's Air that are likeliest before each pixel at a noise;
+        None without."""
+        if not c.air:
+            return None
         look = self.looks()
         nats_of = lambda c: self.nats(look, c).reshape(self.part.shape)
-        return c.air.metres * 2 ** likeliest_octaves(c, nats_of, self.part)
+        octaves = likeliest_octaves(c._replace(noise=noise), nats_of, self.part)
+        return c.air.metres * 2**octaves
 
     def left(self, c, distance_m=None):
         """`quartile` of what is corrected by a Calibration, with so much Air before each pixel, in

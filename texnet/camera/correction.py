@@ -17,7 +17,7 @@ from physics.machinery import scratch
 from physics.planck import noise_sigma
 
 DARKEST = 0.05  # what is left of a radiance, at least
-FAR = 0.75  # of the pixels are nearer than that behind whose air the noise is assumed
+FAR = 0.75  # of all pixels are nearer than that whose air the noise is of
 STEP = 0.1  # of ln metres, where each pixel has a distance of its own
 
 
@@ -72,21 +72,21 @@ def corrected(cube, c, distance_m=None):
     if c.shift_um:
         cube = cube.moved(c.shift_um)
     w = cube.wavelength_um
-    far = c if distance_m is None else _farther(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
-    _, whole = _offset_and_gain(w, far)
-    mean = math.exp(np.log(whole).mean())
+    far = c if distance_m is None else _behind(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
+    _, gains = _offset_and_gain(w, far)
+    mean = math.sqrt(np.mean(gains**2))  # a flat noise of it would tell as much
     netd_k = min(cube.netd_k * c.noise / mean, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
     at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, w, cube.fwhm_um)
-    all_of = np.array([_offset_and_gain(w, c) for c in some], np.float32)
+    all_of = np.array([_offset_and_gain(w, air) for air in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
         offset, gain = all_of[at, 0, b], all_of[at, 1, b]
         radiance[b] = _corrected(band, offset, gain)
         scratch.release(radiance)
     radiance.setflags(write=False)
-    relative_noise = cube.relative_noise * mean / whole
+    relative_noise = cube.relative_noise * mean / gains
     return replace(cube, radiance=radiance, netd_k=netd_k, relative_noise=relative_noise)
 
 
@@ -96,10 +96,10 @@ def _by_distance(distance_m, c, wavelength_um, fwhm_um):
     steps = np.round(np.log(distance_m / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
     metres = [c.air.metres * math.exp(STEP * n) for n in numbers]
-    return steps - numbers[0], [_farther(c, m, wavelength_um, fwhm_um) for m in metres]
+    return steps - numbers[0], [_behind(c, m, wavelength_um, fwhm_um) for m in metres]
 
 
-def _farther(c, metres, wavelength_um, fwhm_um):
+def _behind(c, metres, wavelength_um, fwhm_um):
     """A Calibration with so many metres of its Air."""
     return c._replace(air=Air.of(metres, c.air.temperature_k, wavelength_um, fwhm_um))
 
