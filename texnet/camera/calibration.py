@@ -141,15 +141,9 @@ def _suspected_k(scene, nats_of, found, suspected, noise):
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
     if not suspected:
         return 0.0
-    here = scene.ground_k(found, noise)
-    moved_k = [_most(np.abs(scene.ground_k(c, noise) - here)) for c in suspected]
+    here = scene.corrected_maps(found, noise)
+    moved_k = [scene.moved_k(scene.corrected_maps(c, noise), here) for c in suspected]
     return float(np.sqrt(np.mean(np.square(moved_k))))
-
-
-def _most(moved_k):
-    """K that most of the ground moved at most; 0 of too little."""
-    moved_k = moved_k[np.isfinite(moved_k)]
-    return float(np.quantile(moved_k, MOST)) if moved_k.size >= LEAST_GROUND else 0.0
 
 
 def _likelier(nats_of, camera, part, environment, sky):
@@ -277,12 +271,17 @@ class _Scene(NamedTuple):
             return np.full(self.part.radiance[0].size, np.inf)
         return np.where(np.isfinite(nats), nats, np.inf)
 
-    def ground_k(self, c, noise):
-        """T of pixels corrected by a Calibration, at the distances that are likeliest at a noise;
-        NaN of sky."""
+    def corrected_maps(self, c, noise):
+        """Maps of pixels corrected by a Calibration, at the distances that are likeliest at a
+        noise."""
         taken = corrected(self.part, c, self.distance_m(c, noise))
-        maps = self.maps(corrected_environment(self.environment, c), taken)
-        return np.where(maps["material"] == self.library.sky_index, np.nan, maps["temperature_k"])
+        return self.maps(corrected_environment(self.environment, c), taken)
+
+    def moved_k(self, maps, other):
+        """K by which T of most of the ground of maps differs from that of others."""
+        moved = np.abs(maps["temperature_k"] - other["temperature_k"])
+        moved = moved[(maps["material"] != self.library.sky_index) & np.isfinite(moved)]
+        return float(np.quantile(moved, MOST)) if moved.size >= LEAST_GROUND else 0.0
 
     def quartile(self, maps):
         """What is left, in noise units, even of the ground's pixels that fit best; 0 where there
