@@ -87,7 +87,8 @@ class Decomposition:
     camera_netd_k         the camera's NETD, as stated or estimated, K
     noise_raised          how many times that was assumed: above 1 where the fit asks for more
                           noise, or the camera has less than what k objects leave out
-    netd_k                NETD that this makes of the corrected cube, K
+    netd_k                NETD that this makes of the corrected cube, K; where air was taken out, of
+                          which opaque bands are noisier, that of even noise that tells as much
     objective             E of `physics.exact.semiglobal` along the refinement, nats; () but for sgd
     seconds               time by stage
     """
