@@ -74,12 +74,13 @@ def corrected(cube, c, distance_m=None):
     w = cube.wavelength_um
     far = c if distance_m is None else _behind(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
     _, gains = _offset_and_gain(w, far)
-    mean = math.sqrt(np.mean(gains**2))  # a flat noise of it would tell as much
+    # even noise over it would tell as much (gains of bands among each other are 1 in the mean)
+    mean = math.sqrt(np.mean((gains / c.of_bands(cube.bands)) ** 2))
     netd_k = min(cube.netd_k * c.noise / mean, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
     at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, w, cube.fwhm_um)
-    all_of = np.array([_offset_and_gain(w, air) for air in some], np.float32)
+    all_of = np.array([_offset_and_gain(w, each) for each in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
         offset, gain = all_of[at, 0, b], all_of[at, 1, b]
