@@ -72,7 +72,7 @@ def corrected(cube, c, distance_m=None):
     if c.shift_um:
         cube = cube.moved(c.shift_um)
     w = cube.wavelength_um
-    far = c if distance_m is None else _behind(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
+    far = c if distance_m is None else behind(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
     _, gains = _offset_and_gain(w, far)
     # even noise over it would tell as much (gains of bands among each other are 1 in the mean)
     mean = math.sqrt(np.mean((gains / c.of_bands(cube.bands)) ** 2))
@@ -97,11 +97,11 @@ def _by_distance(distance_m, c, wavelength_um, fwhm_um):
     steps = np.round(np.log(distance_m / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
     metres = [c.air.metres * math.exp(STEP * n) for n in numbers]
-    return steps - numbers[0], [_behind(c, m, wavelength_um, fwhm_um) for m in metres]
+    return steps - numbers[0], [behind(c, m, wavelength_um, fwhm_um) for m in metres]
 
 
-def _behind(c, metres, wavelength_um, fwhm_um):
-    """A Calibration with so many metres of its Air."""
+def behind(c, metres, wavelength_um, fwhm_um):
+    """A Calibration with so many metres of its Air, at bands of centres and widths in um."""
     return c._replace(air=Air.of(metres, c.air.temperature_k, wavelength_um, fwhm_um))
 
 

@@ -15,12 +15,11 @@ import math
 
 import numpy as np
 
-from physics.air import Air
 from physics.errors import Implausible
 from physics.expected import Expected
 
 from ..glance import PATCH, from_afar
-from .correction import corrected, lifted_nats
+from .correction import behind, corrected, lifted_nats
 from .one_error import lowest
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
@@ -68,8 +67,7 @@ def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
     """
     nats = []
     for metres in found.air.metres * 2**OCTAVES:
-        air = Air.of(metres, found.air.temperature_k, cube.wavelength_um, cube.fwhm_um)
-        nats.append(nats_of(found._replace(air=air)))
+        nats.append(nats_of(behind(found, metres, cube.wavelength_um, cube.fwhm_um)))
     nats = np.where(np.isfinite(nats), nats, np.inf)
     least = nats.min(axis=0)
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
