@@ -5,6 +5,7 @@ tile, several at once: each by one thread, which wastes less than many threads o
 """
 
 import json
+from threading import BoundedSemaphore
 
 import numpy as np
 import onnxruntime
@@ -24,7 +25,8 @@ class Runtime:
 
     path     as `texnet export` wrote it; keeps the memory that its tiles take, half of TILE_BYTES
              each
-    threads  tiles at once; as many as there are cores, at most MOST_AT_ONCE, if None
+    threads  tiles at once, in however many threads it runs; as many as there are cores, at most
+             MOST_AT_ONCE, if None
 
     about is the file's metadata, JSON parsed: texnet_version, history (how the weights came about),
     meaning (of inputs and outputs), library (the starter library, as a library file), halo_px (how
@@ -38,6 +40,7 @@ class Runtime:
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
         self._threads = threads or min(cores(), MOST_AT_ONCE)
+        self._free = BoundedSemaphore(self._threads)
         options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too
         # planning what may share memory takes four times as long as all else here, and saves none
@@ -84,7 +87,8 @@ class Runtime:
 
     def _answer(self, known, tile, log_expected, inner):
         of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
-        maps = self._session.run(None, known | of_tile)
+        with self._free:
+            maps = self._session.run(None, known | of_tile)
         return {o.name: a for o, a in zip(self._session.get_outputs(), maps, strict=True)}
 
     def _check(self, feeds):

@@ -26,6 +26,7 @@ from texnet.camera.correction import (
     lifted_nats,
 )
 from texnet.camera.distances import OCTAVES, among_neighbours, likeliest_octaves
+from texnet.camera.nats import Nats
 from texnet.files.cube_io import write_cube
 from texnet.glance import from_afar
 from texnet.learned import shipped_network
@@ -144,7 +145,7 @@ def searched(peak_m, peak_k, gains):
         return np.full(100, 10.0 - gains * share * (2 - share - share * warmer**2 / 4))
 
     air_of = lambda m, k: Air(m, k, (1.0,), (0.0,))
-    return air_between(nats_of, air_of, 280.0)
+    return air_between(Nats(nats_of), air_of, 280.0)
 
 
 @given(st.floats(15, 1000), st.floats(279, 287))
@@ -316,7 +317,7 @@ def octaves(nats, *among):
     s = planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7))
     of = lambda c: nats[np.abs(OCTAVES - np.log2(c.air.metres / 100)).argmin()]
     here = Calibration(air=Air.of(100.0, 283.0, W, FWHM))
-    return likeliest_octaves(here, of, HeatCube(s, W, FWHM, 0.05), *among)
+    return likeliest_octaves(here, Nats(of), HeatCube(s, W, FWHM, 0.05), *among)
 
 
 @given(st.floats(-4.5, 2.5), st.integers(0, 2**31))

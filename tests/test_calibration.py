@@ -1,6 +1,7 @@
 """What is wrong with a camera is found where the scene shows it; a right one is left alone."""
 
 from dataclasses import replace
+from threading import Barrier, get_ident
 
 import numpy as np
 import pytest
@@ -9,14 +10,19 @@ from hypothesis import strategies as st
 from traced import names_of, one_thread, right, said, traced  # noqa: F401
 
 import texnet.circumstances
+import texnet.methods
+from benchmarks import ONNX
+from export.runtime import Runtime
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
 from texnet.camera.calibration import _sample, calibration
 from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
+from texnet.camera.nats import Nats
 from texnet.camera.one_error import GAIN, LEVELS, one_error, shift_kind
 from texnet.files.cube_io import write_cube
+from texnet.methods import Look
 from texnet.pipeline import decompose
 from texnet.uncertainty import shared_error_k
 
@@ -399,7 +405,7 @@ def one(kinds=KINDS, sky=True, **peaks):
             gains += nats * alone * np.exp(-(((errors[name] - error) / width[name]) ** 2))
         return np.full(100, 10.0 - gains)
 
-    return one_error(nats_of, sky, kinds)
+    return one_error(Nats(nats_of), sky, kinds)
 
 
 def test_a_shift_is_taken_that_leads():
@@ -433,7 +439,7 @@ def test_where_the_library_ends_with_the_bands_all_else_is_found():
             return np.full(100, np.inf)
         return np.full(100, 10.0 - 2.0 * np.exp(-(((c.gain - 1.03) / 0.01) ** 2)))
 
-    found, suspected = one_error(nats_of, True, KINDS)
+    found, suspected = one_error(Nats(nats_of), True, KINDS)
     assert found.gain == pytest.approx(1.03, abs=2e-3) and suspected == ()
 
 
@@ -443,7 +449,7 @@ def test_no_shift_is_taken_beyond_which_the_library_ends():
         nats = 10.0 - 2.0 * np.exp(-(((bands - 0.4) / 0.3) ** 2))
         return np.full(100, nats if bands < 0.25 else np.inf)
 
-    assert one_error(nats_of, True, KINDS) == (RIGHT, ())
+    assert one_error(Nats(nats_of), True, KINDS) == (RIGHT, ())
 
 
 def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
@@ -469,7 +475,7 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
             "texture": part.radiance,
         }  # fmt: skip
 
-    return calibration(cube, environment, lambda: look, LIBRARY)
+    return calibration(cube, environment, lambda: Look(look), LIBRARY)
 
 
 def as_stated(c):
@@ -574,3 +580,45 @@ def test_what_nothing_explains_has_one_voice():
         return np.where(few, 1e6 * abs(gain - 0.1), 10 + 1e3 * gain**2) + abs(offset_k)
 
     assert found(nats) == RIGHT
+
+
+# --- several looks at once -----------------------------------------------------------------
+
+
+def test_each_camera_is_looked_at_once_the_first_alone_and_the_others_two_at_a_time():
+    two, looked = Barrier(2, timeout=30), []
+
+    def of(gain):
+        if gain == 1.0:
+            assert not looked
+        else:
+            two.wait()  # for ever, were another not looked at meanwhile
+        looked.append(gain)
+        return np.full(3, gain)
+
+    nats = Nats(of, at_once=2)
+    some = nats.each([1.0, 1.1, 0.9, 1.1, 1.2, 0.8])
+    assert list(some) == [1.0, 1.1, 0.9, 1.2, 0.8]
+    assert all((some[gain] == gain).all() for gain in some)
+    assert (nats(0.9) == 0.9).all() and sorted(looked) == sorted(some)
+
+
+@pytest.mark.parametrize("gain", [1.0, 1.03])
+def test_looks_in_threads_find_what_looks_one_by_one_find(monkeypatch, gain):
+    cube, _ = traced("street", 54)
+    cube = replace(cube, radiance=gain * cube.radiance)
+    runtime, found = Runtime(ONNX, threads=2), []
+    for at_once in (1, 3):
+        asked = set()
+
+        def run(*of, asked=asked):
+            asked.add(get_ident())
+            return runtime.run(*of)
+
+        monkeypatch.setattr(texnet.methods, "cores", lambda at_once=at_once: at_once)
+        looks = texnet.methods.by_network(LIBRARY, run).looks
+        of = texnet.circumstances.circumstances(cube, LIBRARY, looks)
+        found.append((of.found, of.cube.radiance.tobytes(), of.environment.radiance.tobytes()))
+        assert (asked == {get_ident()}) == (at_once == 1)
+    assert found[0] == found[1]
+    assert found[0][0].gain == pytest.approx(gain, abs=2e-3)

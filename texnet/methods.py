@@ -13,6 +13,8 @@ import numpy as np
 
 from physics.expected import only
 from physics.known import MAX_T, known_arrays
+from physics.machinery.threads import cores
+from physics.machinery.tiles import MOST_AT_ONCE
 from physics.planck import brightness_temperature
 
 NETS = "net", "net+sgd"
@@ -20,12 +22,19 @@ METHODS = "local", "sgd", *NETS
 WEIGHTS, ONNX = "texnet.safetensors", "texnet.onnx"  # in texnet/data: the network that ships
 
 
-class Look(Protocol):
-    """Maps by name, as `model.TeX` has them, of the pixels of a HeatCube in an Environment, by
-    those of the library's materials that may be seen, ascending indices. The log evidence of all
-    that one Look answers can be compared, not that of two."""
+class Look(NamedTuple):
+    """answer(environment, cube, seen): maps by name, as `model.TeX` has them, of the pixels of a
+    HeatCube in an Environment, by those of the library's materials that may be seen, ascending
+    indices. The log evidence of all that one Look answers can be compared, not that of two.
 
-    def __call__(self, environment, cube, seen): ...
+    at_once  how many more may be asked for at a time, in threads, when the first is answered
+    """
+
+    answer: Callable
+    at_once: int = 1
+
+    def __call__(self, environment, cube, seen):
+        return self.answer(environment, cube, seen)
 
 
 class Run(Protocol):
@@ -65,7 +74,7 @@ def by_network(library, model, refined=True, progress=None):
             known["basis"] = basis = known["basis"] if basis is None else basis
             return answer(known, cube, model)
 
-        return look
+        return Look(look, at_once=min(cores(), MOST_AT_ONCE))
 
     def run(environment, cube, seen, expected=None, regions=None, *, lap):
         of = model if refined else partial(model, refined=False)
@@ -94,7 +103,7 @@ def by_solver(library, smooth, report):
         lap("local")
         return maps
 
-    return Method(lambda: look, run, expects=False)
+    return Method(lambda: Look(look), run, expects=False)  # which takes all threads
 
 
 def _cut_off(maps, prior_k, cube):

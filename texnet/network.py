@@ -187,7 +187,8 @@ class TeXNet(nn.Module):
         bands = known.nodes_um.shape[0]
         t = (belief * s.t).sum(0)
         usual = noise_sigma(known.nodes_um.mean(1), NOISE_AT)
-        noise = torch.log((known.sigma / usual).mean())
+        # of uneven noise, as behind air, the even one that tells as much
+        noise = -0.5 * torch.log(((usual / known.sigma) ** 2).mean())
         scalars = torch.stack([
             (mean - prior) / 10,
             t * deviation / 10,

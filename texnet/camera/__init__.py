@@ -2,6 +2,7 @@
 
 calibration  all of it, and how much noise there is
 one_error    a gain or an offset of all bands, or wavelengths that are off
+nats         how likely pixels are, by what may be wrong
 band_gains   gains of the bands among each other
 air_between  how much air lies before the camera
 distances    how much of it before each pixel

@@ -27,8 +27,7 @@ WORTH = 0.3  # nats per pixel
 def air_between(nats_of, air_of, about_k, start=RIGHT):
     """The Calibration of start with the Air by which the pixels are likeliest; start if none is.
 
-    nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
-             nothing looks like that; remembered
+    nats_of  Nats of the pixels, corrected by a Calibration
     air_of   (metres, K) -> Air
     about_k  what the air is about as warm as, or some K warmer, K
     """
@@ -39,7 +38,7 @@ def air_between(nats_of, air_of, about_k, start=RIGHT):
         able = [k for k in kelvins if k >= about_k + WARMER_K[0]]
         some = [start._replace(air=air_of(metres, k)) for k in able]
         tried.extend(some)
-        loss = losses({c: nats_of(c) for c in tried})
+        loss = losses(nats_of.each(tried))
         return loss, min(some, key=loss.get)
 
     usual, near = [about_k + k for k in WARMER_K], []

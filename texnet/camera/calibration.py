@@ -32,7 +32,7 @@ wavelengths off by a tenth of a band.
 """
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +53,7 @@ from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, corrected, corrected_environment, lifted_nats
 from .distances import likeliest_octaves
+from .nats import Nats
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
@@ -95,7 +96,7 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
         return RIGHT
     sky = in_view and environment.sky_mean is not None
     scene = _Scene(part, environment, library, looks)
-    nats_of = cache(partial(scene.nats, looks()))
+    nats_of = scene.nats_of()
     kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
     camera, suspected = one_error(nats_of, sky, kinds)
     if camera.shift_um:
@@ -137,7 +138,7 @@ def _suspected_k(scene, nats_of, found, suspected, noise):
     if found.bands:  # whose gains are many enough to make up for any error of all
         suspected = [c for c in suspected if scene.left(c) <= _just(scene.part) + RISE]
     else:
-        loss = losses({c: nats_of(c) for c in (found, *suspected)})
+        loss = losses(nats_of.each([found, *suspected]))
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
     if not suspected:
         return 0.0
@@ -161,8 +162,10 @@ def _likelier(nats_of, camera, part, environment, sky):
 
 def _likelier_without_air(nats_of, c, noise):
     """Whether at so much noise pixels are likelier by a Calibration without its Air."""
-    loss = losses({air: nats_of(c._replace(noise=noise, air=air)) for air in (c.air, None)})
-    return loss[None] < loss[c.air]
+    behind = c._replace(noise=noise)
+    clear = behind._replace(air=None)
+    loss = losses(nats_of.each([behind, clear]))
+    return loss[clear] < loss[behind]
 
 
 def _about_air_k(part, environment):
@@ -232,15 +235,15 @@ def error_of_given(cube, environment, looks, library, left_out=None):
         return RIGHT, 0.0
     of = {k: _Scene(part, environment.off_by(k), library, looks) for k in (0.0, *ERRORS_K)}
     look, noisy = looks(), _with_noise(RIGHT, of[0.0].left(RIGHT), cube)
-    all_nats = {k: scene.nats(look, RIGHT) for k, scene in of.items()}
+    all_nats = Nats(lambda k: of[k].nats(look, RIGHT), look.at_once).each(of)
     loss = losses(all_nats)
     likeliest = min(loss, key=loss.get)
     if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
         return noisy, 0.0
-    nats_of = cache(partial(of[0.0].nats, look))
+    nats_of = Nats(partial(of[0.0].nats, look), look.at_once)
     camera, suspected = one_error(nats_of, environment.sky_mean is not None, LEVELS)
     cameras = *first_look(LEVELS), camera, *suspected
-    loss = losses(all_nats | {c: nats_of(c) for c in cameras})
+    loss = losses(all_nats | nats_of.each(cameras))
     return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
 
 
@@ -258,6 +261,11 @@ class _Scene(NamedTuple):
         """Maps of pixels by a Look, one of their own if None."""
         seen = np.arange(len(self.library)) if self.seen is None else self.seen
         return (look or self.looks())(environment, part, seen)
+
+    def nats_of(self):
+        """Nats of the pixels, corrected by a Calibration, by a Look of their own."""
+        look = self.looks()
+        return Nats(partial(self.nats, look), look.at_once)
 
     def nats(self, look, c):
         """(P,) minus the log evidence of pixels corrected by a Calibration, infinite if none."""
@@ -295,9 +303,7 @@ class _Scene(NamedTuple):
         None without."""
         if not c.air:
             return None
-        look = self.looks()
-        nats_of = lambda c: self.nats(look, c).reshape(self.part.shape)
-        octaves = likeliest_octaves(c._replace(noise=noise), nats_of, self.part)
+        octaves = likeliest_octaves(c._replace(noise=noise), self.nats_of(), self.part)
         return c.air.metres * 2**octaves
 
     def left(self, c, distance_m=None):

@@ -20,6 +20,7 @@ from physics.expected import Expected
 
 from ..glance import PATCH, from_afar
 from .correction import behind, corrected, lifted_nats
+from .nats import Nats
 from .one_error import lowest
 
 OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
@@ -45,6 +46,7 @@ def distances(cube, environment, look, materials, found):
         except Implausible:  # nothing looks like that
             return np.full(afar.shape, np.inf)
 
+    nats_of = Nats(nats_of, look.at_once)
     octaves = likeliest_octaves(found, nats_of, afar, among_neighbours)
     farther = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
     return np.float32(found.air.metres) * 2**farther
@@ -61,13 +63,15 @@ def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
     """(height, width) octaves by which what a HeatCube shows is farther than found, a Calibration
     with the Air of the whole picture, says.
 
-    nats_of  Calibration -> (height, width) minus the pixels' log evidence, corrected by it;
-             infinite where nothing looks like that
+    nats_of  Nats of the pixels, corrected by a Calibration
     among    (octaves, height, width) nats -> their mean among those that are likely as far
     """
-    nats = []
-    for metres in found.air.metres * 2**OCTAVES:
-        nats.append(nats_of(behind(found, metres, cube.wavelength_um, cube.fwhm_um)))
+    tried = [
+        behind(found, metres, cube.wavelength_um, cube.fwhm_um)
+        for metres in found.air.metres * 2**OCTAVES
+    ]
+    nats = nats_of.each(tried)
+    nats = np.array([nats[c].reshape(cube.shape) for c in tried])
     nats = np.where(np.isfinite(nats), nats, np.inf)
     least = nats.min(axis=0)
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)

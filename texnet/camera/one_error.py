@@ -74,8 +74,7 @@ def one_error(nats_of, sky, kinds):
     """The Calibration by which the pixels are likeliest, RIGHT if none is taken; and then those of
     LEVELS that are suspected.
 
-    nats_of  Calibration -> (P,) minus the pixels' log evidence, corrected by it; infinite where
-             nothing looks like that; remembered
+    nats_of  Nats of the pixels, corrected by a Calibration
     sky      whether it is in view
     kinds    of errors that are looked for
 
@@ -83,11 +82,11 @@ def one_error(nats_of, sky, kinds):
     kinds are tried, half a step around the best of each, and the lowest of a parabola there.
     """
     tried = [RIGHT, *first_look(kinds)]
-    loss = losses({c: nats_of(c) for c in tried}, np.median(nats_of(RIGHT)))
+    loss = losses(nats_of.each(tried), np.median(nats_of(RIGHT)))
     if min(loss, key=loss.get) == RIGHT:
         return RIGHT, ()
     best = [_best_of(kind, tried, nats_of) for kind in kinds]
-    loss = losses({c: nats_of(c) for c in (RIGHT, *(b.calibration for b in best))})
+    loss = losses(nats_of.each([RIGHT, *(b.calibration for b in best)]))
     first, *others = sorted(best, key=lambda b: loss[b.calibration])
     gained = loss[RIGHT] - loss[first.calibration]
     lead = {b: loss[b.calibration] - loss[first.calibration] for b in others}
@@ -118,7 +117,7 @@ def _best_of(kind, tried, nats_of):
     def loss_of(errors):
         of = [kind.of(error) for error in errors]
         tried.extend(of)
-        loss = losses({c: nats_of(c) for c in tried})
+        loss = losses(nats_of.each(tried))
         return [loss[c] for c in of]
 
     def likeliest(errors):
@@ -127,7 +126,8 @@ def _best_of(kind, tried, nats_of):
     n, half = round(kind.most / kind.step), kind.step / 2
     steps = [kind.step * i for i in range(-n, n + 1) if i]
     # a shift may leave the library, and each does where that reaches no farther than the bands
-    steps = [e for e in steps if np.isfinite(nats_of(kind.of(e))).any()]
+    nats = nats_of.each([kind.of(e) for e in steps])
+    steps = [e for e in steps if np.isfinite(nats[kind.of(e)]).any()]
     if not steps:
         return Best(kind, 0.0, at_end=False)
     step = likeliest(steps)
