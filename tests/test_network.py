@@ -133,6 +133,21 @@ def test_moving_the_camera_moves_the_answer():
     assert edge > 2e-3  # at the border there is less to see
 
 
+def test_a_band_that_tells_nothing_may_be_noisier_yet():
+    """As one that air hides; how noisy it is must not pass for the noise of all."""
+    world, net = World(seed=7), network(7)
+    known = world.known()
+
+    def opaque(times):
+        sigma = known.sigma.clone()
+        sigma[3] *= times
+        return predict(net, known._replace(sigma=sigma), world.cube)
+
+    a, b = opaque(1e3), opaque(1e5)
+    assert_same(a, b, 2e-3)
+    assert (a.log_material - predict(net, known, world.cube).log_material).abs().max() > 0.1
+
+
 def test_untrained_it_says_what_physics_says():
     """Regions of materials well apart: heads of weight zero pass the evidence on."""
     block = (np.indices((12, 15))[0] // 6 * 3 + np.indices((12, 15))[1] // 5).ravel() % 5
