@@ -43,8 +43,9 @@ class Runtime:
         self._free = BoundedSemaphore(self._threads)
         options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too
-        # planning what may share memory takes four times as long as all else here, and saves none
-        options.enable_mem_reuse = options.enable_mem_pattern = False
+        # export left nothing to simplify: to look for it would take most of a second
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+        options.enable_mem_pattern = False  # it would take a third more, as tiles differ in size
         try:
             with open(path, "rb") as file:
                 content = file.read()

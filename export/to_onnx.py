@@ -17,6 +17,7 @@ from importlib.metadata import version
 
 import onnx
 import torch
+from onnxscript.optimizer import fold_constants, optimize_ir, remove_unused_nodes
 
 from physics.evidence import Known
 from physics.known import MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
@@ -121,10 +122,20 @@ def _trace(model):
         # what torch cannot prove of the sizes (no k > 13) it need not check either
         prefer_deferred_runtime_asserts_over_guards=True,
     )  # fmt: skip
-    return torch.onnx.export(
-        program, dynamo=True, opset_version=OPSET, verbose=False,
+    traced = torch.onnx.export(
+        program, dynamo=True, opset_version=OPSET, verbose=False, optimize=False,
         input_names=list(INPUTS), output_names=list(OUTPUTS),
-    ).model_proto  # fmt: skip
+    )  # fmt: skip
+    _simplify(traced.model)  # of all its nodes, the next step would take twice as long
+    optimize_ir(traced.model, num_iterations=1)
+    _simplify(traced.model)
+    return traced.model_proto
+
+
+def _simplify(model):
+    """Leave out of an onnx_ir.Model what is constant or unused."""
+    fold_constants(model)
+    remove_unused_nodes(model)
 
 
 def _example():

@@ -213,10 +213,14 @@ def test_the_shipped_file_holds_the_shipped_weights(runtime):
 
 
 def test_a_new_export_answers_as_its_network_and_says_what_it_is(tmp_path, monkeypatch):
-    """Slow: the export takes minutes, a quarter fewer with one round of each of the refinement's
-    loops. (The shipped file has all of them, and is held to torch above.)"""
+    """Slow: the export takes minutes, fewer with one round of each of the refinement's loops and
+    matrices half as large. (The shipped file has all of them, and is held to torch above.)"""
     for loop in ("FREE_STEPS", "MAX_AT_ZERO"):
         monkeypatch.setattr(f"physics.refinement.{loop}", 1)
+    for module in ("known", "evidence"):
+        monkeypatch.setattr(f"physics.{module}.MAX_COMPONENTS", 12)
+    for module in ("evidence", "refinement"):
+        monkeypatch.setattr(f"physics.{module}.MAX_UNKNOWNS", 12)
     with torch.random.fork_rng():
         torch.manual_seed(3)
         network = TeXNet(width=16, dilations=(1, 2), messages=1).eval()
