@@ -7,13 +7,16 @@ Twenty-four random scenes of the test split (seeds from 3,000,000; training uses
 about the error of temperature. Each is path-traced once and shaded in 4, 9, 18, 54 and 100 bands
 over 8-14 um, noise 50 mK; the environment is estimated from the noisy cube with k = 5 objects; the
 library is the whole starter library. `net+sgd` is the ONNX file, as users get it. Writes
-accuracy.csv, one row per scene, bands and method, and prints the means, and scene by scene how far
-net+sgd is from local. Everything runs on two threads. --finer traces the same scenes with so many
-times the pixels on each side.
+accuracy.csv, one row per scene, bands and method, and confusion.csv, how many pixels of a material
+got which name there; goes on after the last whole scene, if these are of the same code. Prints the
+means, scene by scene how far net+sgd is from local, and what materials the last method takes for
+which. Everything runs on two threads. --finer traces the same scenes with so many times the pixels
+on each side.
 """
 
 import argparse
 import time
+from collections import Counter
 from pathlib import Path
 
 import numba
@@ -21,8 +24,8 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from benchmarks import ONNX
-from benchmarks.rows import write_csv
+from benchmarks import ONNX, confusion
+from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
@@ -59,12 +62,28 @@ def test_scenes(random_scenes=RANDOM_SCENES, presets=PRESETS, done=(), finer=1):
 
 
 def measure(cube, truth, method, model=None):
-    """The metrics of one method on one cube, with its time; model as of `decompose`."""
+    """The metrics of one method on one cube, with its time, and how it names what materials (see
+    `confusion.named_as`); model as of `decompose`."""
     start = time.perf_counter()
     answer = decompose(cube, method=method, k=K, model=model)
     seconds = time.perf_counter() - start
     pixels = cube.shape[0] * cube.shape[1]
-    return evaluate(answer, truth) | {"seconds_per_megapixel": seconds / pixels * 1e6}
+    scores = evaluate(answer, truth) | {"seconds_per_megapixel": seconds / pixels * 1e6}
+    return scores, confusion.named_as(answer, truth)
+
+
+def measured(out, made, wanted):
+    """Rows of accuracy.csv and of confusion.csv in a directory, as they were made by these settings
+    (see `rows.settings`), of scenes that have all (bands, method) wanted."""
+    rows = whole_scenes(read_csv(out / "accuracy.csv", made), wanted)
+    scenes = {r["scene"] for r in rows}
+    named = [r for r in read_csv(out / "confusion.csv", made) if r["scene"] in scenes]
+    kinds = dict.fromkeys(("scene", "method", "true", "named"), str)
+    kinds |= dict.fromkeys(("bands", "pixels"), int)
+    return tuple(
+        [{name: kinds.get(name, float)(v) for name, v in r.items()} for r in some]
+        for some in (rows, named)
+    )
 
 
 def table(rows):
@@ -116,20 +135,34 @@ def main():
     torch.set_num_threads(THREADS)
     threadpool_limits(THREADS)
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
-    library, rows = MaterialLibrary.starter(), []
-    for name, traced in test_scenes(args.scenes, finer=args.finer):
+    library, made = MaterialLibrary.starter(), f"{settings()}, {args.finer} times finer"
+    rows, named = measured(args.out, made, {(str(b), m) for b in args.bands for m in args.methods})
+    done = {r["scene"] for r in rows}
+    for name, traced in test_scenes(args.scenes, PRESETS, done, args.finer):
         for bands in args.bands:
             w, fwhm = equidistant_bands(bands)
             cube, truth = traced.shade(library, w, fwhm, NETD_K)
             for method in args.methods:
                 row = {"scene": name, "bands": bands, "method": method}
-                rows.append(row | measure(cube, truth, method, models.get(method)))
-                shown = "  ".join(f"{rows[-1][n]:8.3f}" for n in ERRORS)
+                scores, names = measure(cube, truth, method, models.get(method))
+                rows.append(row | scores)
+                named += [
+                    row | {"true": true, "named": given, "pixels": pixels}
+                    for (true, given), pixels in names.items()
+                ]
+                shown = "  ".join(f"{scores[n]:8.3f}" for n in ERRORS)
                 print(f"{name:16} {bands:4d} {method:8} {shown}", flush=True)
-        write_csv(args.out / "accuracy.csv", rows)
+        write_csv(args.out / "confusion.csv", named, made)
+        write_csv(args.out / "accuracy.csv", rows, made)
     print("\n".join(table(rows)))
     if {"net+sgd", "local"} <= set(args.methods) and args.scenes > 0:
         print("\n".join(differences(rows)))
+    for bands in args.bands:
+        counts = Counter()
+        for r in named:
+            if (r["bands"], r["method"]) == (bands, args.methods[-1]):
+                counts[r["true"], r["named"]] += r["pixels"]
+        print(f"{bands} bands, {args.methods[-1]}", *confusion.table(counts), sep="\n")
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.peers.surroundings import surroundings
-from benchmarks.rows import read_csv, settings, write_csv
+from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands, quadrature
 from physics.errors import InputError
@@ -182,7 +182,7 @@ def measure(out, networks=(), progress=None):
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
     wanted = {(str(b), m) for b in BANDS for m in methods}
-    rows = _whole_scenes(read_csv(out / "chart.csv", made), wanted)
+    rows = whole_scenes(read_csv(out / "chart.csv", made), wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
     total, count = (RANDOM_SCENES + len(PRESETS)) * len(wanted), len(rows)
     with threadpool_limits(THREADS):
@@ -215,14 +215,6 @@ def _scores(run, scene):
     errors = evaluate(answer, truth)
     per = seconds / truth.material.size * 1e6
     return {"seconds_per_megapixel": per} | {name: errors[name] for name in ERRORS}
-
-
-def _whole_scenes(rows, wanted):
-    """The rows of scenes that have all the (bands, method) wanted."""
-    of = {}
-    for r in rows:
-        of.setdefault(r["scene"], set()).add((r["bands"], r["method"]))
-    return [r for r in rows if of[r["scene"]] == wanted]
 
 
 def medians(rows):

@@ -85,7 +85,8 @@ def main():
                 cube, truth = traced.shade(library, w, fwhm, NETD_K, sky=of)
                 for method in METHODS:
                     row = {"scene": name, "bands": bands, "sky": sky, "method": method}
-                    rows.append(row | measure(cube, truth, method, models.get(method)))
+                    scores, _ = measure(cube, truth, method, models.get(method))
+                    rows.append(row | scores)
         write_csv(args.out / "other_skies.csv", rows)
         print(name, flush=True)
     shown = *ERRORS, "within_2_sigma"

@@ -43,3 +43,11 @@ def read_csv(path, made):
         return []
     with open(path, newline="", encoding="utf-8") as file:
         return [row for row in csv.DictReader(file) if row.pop(SETTINGS, None) == made]
+
+
+def whole_scenes(rows, wanted):
+    """The rows of scenes that have all the (bands, method) wanted."""
+    of = {}
+    for r in rows:
+        of.setdefault(r["scene"], set()).add((r["bands"], r["method"]))
+    return [r for r in rows if of[r["scene"]] == wanted]

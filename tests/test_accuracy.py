@@ -1,9 +1,14 @@
-"""What the table of accuracy says of the difference between two methods."""
+"""What the benchmark of accuracy says of two methods and of materials, and that it goes on."""
+
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from benchmarks import accuracy
 from benchmarks.accuracy import ERRORS, differences
+from benchmarks.confusion import confused, named_as, table
 
 
 def test_differences_are_paired_by_scene():
@@ -21,3 +26,60 @@ def test_differences_are_paired_by_scene():
     assert said["temperature_mae_k"][4:] == ["4", "of", "4"]
     assert said["material_accuracy"][4:] == ["0", "of", "4"]
     assert said["texture_correlation"][4:] == ["0", "of", "3"]
+
+
+NAMES = ("sky", "tree", "soil", "glass")
+
+
+def test_materials_are_counted_by_name_where_something_was_measured():
+    truth = SimpleNamespace(material_names=NAMES, material=np.array([[0, 1, 1], [1, 2, 3]]))
+    of_library = NAMES[::-1]  # whose order does not matter
+    answer = SimpleNamespace(
+        material_names=of_library, material=np.array([[3, 2, 1], [2, 1, 2]]),
+        dead=np.array([[False] * 3, [False, False, True]]),
+    )  # fmt: skip
+    counts = named_as(answer, truth)
+    assert counts == {
+        ("sky", "sky"): 1, ("tree", "tree"): 2, ("tree", "soil"): 1, ("soil", "soil"): 1,
+    }  # fmt: skip
+    tree, *others = confused(counts)
+    assert tree == {
+        "material": "tree", "share": 3 / 5, "right": 2 / 3, "taken_for": {"soil": 1 / 3},
+    }  # fmt: skip
+    assert [r["material"] for r in others] == ["sky", "soil"]
+    assert all(r["right"] == 1 and not r["taken_for"] for r in others)
+    assert "tree                   60.0%   66.7%  soil 33.3%" in list(table(counts))
+
+
+def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch, capsys):
+    """To the same figures, the time aside."""
+    monkeypatch.setattr(accuracy, "PRESETS", ())
+    monkeypatch.setattr(accuracy, "SIZE", (24, 32))
+    monkeypatch.setattr(accuracy, "SPP", 4)
+
+    def run(out, *more):
+        words = ["accuracy", "--out", out, "--scenes", "2", "--bands", "9", "--methods", "local"]
+        monkeypatch.setattr(sys, "argv", [str(word) for word in (*words, *more)])
+        accuracy.main()
+        said = capsys.readouterr().out.splitlines()
+        scenes = [line for line in said if line.startswith("random")]
+        means = [line.split()[:-1] for line in said if " local" in line and line not in scenes]
+        return len(scenes), means, said[said.index("9 bands, local") :]
+
+    whole = run(tmp_path / "whole")
+    assert whole[0] == 2 and len(whole[2]) > 3
+    again = accuracy.measure
+
+    def stopped(cube, truth, *of):
+        if (tmp_path / "part" / "accuracy.csv").exists():
+            raise KeyboardInterrupt
+        return again(cube, truth, *of)
+
+    monkeypatch.setattr(accuracy, "measure", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "part")
+    capsys.readouterr()
+    monkeypatch.setattr(accuracy, "measure", again)
+    assert run(tmp_path / "part") == (1, *whole[1:])
+    assert run(tmp_path / "part") == (0, *whole[1:])
+    assert run(tmp_path / "part", "--finer", "2")[0] == 2  # other pictures

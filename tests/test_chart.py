@@ -13,7 +13,7 @@ import benchmarks.chart as chart
 from benchmarks import rows
 from benchmarks.chart import Scene, by_scipy, by_separation, medians, pareto, pareto_methods
 from benchmarks.peers import brightness, isstes, nem
-from benchmarks.rows import read_csv, settings
+from benchmarks.rows import read_csv, settings, whole_scenes
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
@@ -173,7 +173,7 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, toy, monkeyp
 def test_a_half_measured_scene_does_not_count():
     wanted = {("4", "a"), ("4", "b")}
     rows = [dict(scene=s, bands="4", method=m) for s, m in [("1", "a"), ("1", "b"), ("2", "a")]]
-    assert {r["scene"] for r in chart._whole_scenes(rows, wanted)} == {"1"}
+    assert {r["scene"] for r in whole_scenes(rows, wanted)} == {"1"}
 
 
 def test_the_command_charts_prints_and_feeds_the_budget(tmp_path, toy, capfd, monkeypatch):
