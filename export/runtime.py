@@ -17,6 +17,7 @@ from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 
 OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
+FORMAT = "2"  # of the file: another where the same weights would answer otherwise
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -28,10 +29,11 @@ class Runtime:
     threads  tiles at once, in however many threads it runs; as many as there are cores, at most
              MOST_AT_ONCE, if None
 
-    about is the file's metadata, JSON parsed: texnet_version, history (how the weights came about),
-    meaning (of inputs and outputs), library (the starter library, as a library file), halo_px (how
-    far a pixel's answer looks around itself), cell_px (a tile begins at a multiple of it), limits
-    (the least and the most that sizes may be).
+    at_once is how many tiles that is. about is the file's metadata, JSON parsed: format,
+    texnet_version, history (how the weights came about), meaning (of inputs and outputs), library
+    (the starter library, as a library file), halo_px (how far a pixel's answer looks around
+    itself), cell_px (a tile begins at a multiple of it), limits (the least and the most that sizes
+    may be).
 
     Raises InputError if path cannot be read or is not a texnet ONNX file.
     """
@@ -39,8 +41,8 @@ class Runtime:
     def __init__(self, path, threads=None):
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
-        self._threads = threads or min(cores(), MOST_AT_ONCE)
-        self._free = BoundedSemaphore(self._threads)
+        self.at_once = threads or min(cores(), MOST_AT_ONCE)
+        self._slots = BoundedSemaphore(self.at_once)
         options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too
         # export left nothing to simplify: to look for it would take most of a second
@@ -62,8 +64,8 @@ class Runtime:
             self.about = about | {name: json.loads(about[name]) for name in AS_JSON}
         except (KeyError, ValueError) as e:
             raise InputError(f"model: cannot read {path}: {BROKEN}.") from e
-        if "log_evidence" not in {o.name for o in self._session.get_outputs()}:
-            raise InputError(f"model: {path} is of an older texnet; export its weights again.")
+        if self.about.get("format") != FORMAT:
+            raise InputError(f"model: {path} is of another texnet; export its weights again.")
 
     def run(self, radiance, known, progress=None, expected=None, regions=None):
         """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
@@ -83,12 +85,12 @@ class Runtime:
         return by_tiles(
             self._answer, feeds.pop("radiance"), feeds, expected, regions,
             halo=self.about["halo_px"], cell=self.about["cell_px"], tile_bytes=TILE_BYTES / 2,
-            at_once=self._threads, progress=progress,
+            at_once=self.at_once, progress=progress,
         )  # fmt: skip
 
     def _answer(self, known, tile, log_expected, inner):
         of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
-        with self._free:
+        with self._slots:
             maps = self._session.run(None, known | of_tile)
         return {o.name: a for o, a in zip(self._session.get_outputs(), maps, strict=True)}
 

@@ -4,8 +4,11 @@ import json
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 import onnx
@@ -214,13 +217,13 @@ def test_the_shipped_file_holds_the_shipped_weights(runtime):
 
 def test_a_new_export_answers_as_its_network_and_says_what_it_is(tmp_path, monkeypatch):
     """Slow: the export takes minutes, fewer with one round of each of the refinement's loops and
-    matrices half as large. (The shipped file has all of them, and is held to torch above.)"""
+    smaller matrices. (The shipped file has all of them, and is held to torch above.)"""
     for loop in ("FREE_STEPS", "MAX_AT_ZERO"):
         monkeypatch.setattr(f"physics.refinement.{loop}", 1)
-    for module in ("known", "evidence"):
-        monkeypatch.setattr(f"physics.{module}.MAX_COMPONENTS", 12)
-    for module in ("evidence", "refinement"):
-        monkeypatch.setattr(f"physics.{module}.MAX_UNKNOWNS", 12)
+    for module in ("physics.known", "physics.evidence", "export.to_onnx"):
+        monkeypatch.setattr(f"{module}.MAX_COMPONENTS", 12)
+    for module in ("physics.known", "physics.evidence", "physics.refinement", "export.to_onnx"):
+        monkeypatch.setattr(f"{module}.MAX_UNKNOWNS", 12)
     with torch.random.fork_rng():
         torch.manual_seed(3)
         network = TeXNet(width=16, dilations=(1, 2), messages=1).eval()
@@ -260,6 +263,39 @@ def test_files_of_others_are_named_as_such(tmp_path, runtime):
     onnx.save(onnx.helper.make_model(graph, opset_imports=[opset], ir_version=10), other)
     with pytest.raises(InputError, match="not an ONNX file that texnet wrote"):
         Runtime(other)
+    before = onnx.load(PATH)
+    next(p for p in before.metadata_props if p.key == "format").value = "1"
+    onnx.save(before, other)
+    with pytest.raises(InputError, match="is of another texnet; export its weights again"):
+        Runtime(other)
+
+
+def test_no_more_tiles_at_once_than_said_whoever_asks():
+    """As memory is for so many."""
+    runtime, counting, most, now = Runtime(PATH, threads=2), Lock(), 0, 0
+    session, (image, known) = runtime._session, scene()
+
+    class Counted:
+        def run(self, *of):
+            nonlocal most, now
+            with counting:
+                now += 1
+                most = max(most, now)
+            time.sleep(0.05)
+            maps = session.run(*of)
+            with counting:
+                now -= 1
+            return maps
+
+        def __getattr__(self, name):
+            return getattr(session, name)
+
+    runtime._session = Counted()
+    with ThreadPoolExecutor(6) as pool:
+        maps = list(pool.map(lambda _: runtime.run(image, known), range(6)))
+    assert most == 2
+    for other in maps[1:]:
+        assert_close(maps[0], other, 0, 0)
 
 
 def test_expectations_of_other_materials_are_refused(runtime):

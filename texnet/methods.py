@@ -13,8 +13,6 @@ import numpy as np
 
 from physics.expected import only
 from physics.known import MAX_T, known_arrays
-from physics.machinery.threads import cores
-from physics.machinery.tiles import MOST_AT_ONCE
 from physics.planck import brightness_temperature
 
 NETS = "net", "net+sgd"
@@ -27,7 +25,7 @@ class Look(NamedTuple):
     HeatCube in an Environment, by those of the library's materials that may be seen, ascending
     indices. The log evidence of all that one Look answers can be compared, not that of two.
 
-    at_once  how many more may be asked for at a time, in threads, when the first is answered
+    at_once  how many may be asked for at a time, in threads, once one was answered
     """
 
     answer: Callable
@@ -57,6 +55,7 @@ class Method(NamedTuple):
 def by_network(library, model, refined=True, progress=None):
     """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
     progress(done, total)."""
+    at_once = getattr(getattr(model, "__self__", None), "at_once", 1)
 
     def known_of(environment, cube, seen):
         return only(known_arrays(cube, library, environment), seen)
@@ -74,7 +73,7 @@ def by_network(library, model, refined=True, progress=None):
             known["basis"] = basis = known["basis"] if basis is None else basis
             return answer(known, cube, model)
 
-        return Look(look, at_once=min(cores(), MOST_AT_ONCE))
+        return Look(look, at_once)
 
     def run(environment, cube, seen, expected=None, regions=None, *, lap):
         of = model if refined else partial(model, refined=False)

@@ -162,10 +162,10 @@ def _likelier(nats_of, camera, part, environment, sky):
 
 def _likelier_without_air(nats_of, c, noise):
     """Whether at so much noise pixels are likelier by a Calibration without its Air."""
-    behind = c._replace(noise=noise)
-    clear = behind._replace(air=None)
-    loss = losses(nats_of.each([behind, clear]))
-    return loss[clear] < loss[behind]
+    through = c._replace(noise=noise)
+    clear = through._replace(air=None)
+    loss = losses(nats_of.each([through, clear]))
+    return loss[clear] < loss[through]
 
 
 def _about_air_k(part, environment):

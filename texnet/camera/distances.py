@@ -39,15 +39,14 @@ def distances(cube, environment, look, materials, found):
     step = max(PATCH, math.ceil(math.sqrt(cube.radiance[0].size / PATCHES)))
     afar, every = from_afar(cube, step), np.arange(materials)
 
-    def nats_of(c):
+    def of(c):
         try:
             nats = -look(environment, corrected(afar, c), every)["log_evidence"]
             return nats + lifted_nats(afar, c)
         except Implausible:  # nothing looks like that
             return np.full(afar.shape, np.inf)
 
-    nats_of = Nats(nats_of, look.at_once)
-    octaves = likeliest_octaves(found, nats_of, afar, among_neighbours)
+    octaves = likeliest_octaves(found, Nats(of, look.at_once), afar, among_neighbours)
     farther = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
     return np.float32(found.air.metres) * 2**farther
 

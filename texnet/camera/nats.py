@@ -3,16 +3,18 @@
 A search asks for it again and again, and for that of many cameras at once.
 """
 
+import numpy as np
+
 from physics.machinery.threads import in_threads
 
 
 class Nats:
-    """of(what) by what, remembered: (P,) nats of pixels, infinite where nothing looks like that,
-    what being hashable, mostly a Calibration. As many at_once as `methods.Look` says; the first
-    alone, as all others are compared with it."""
+    """of(what) by what, remembered: nats of pixels, (P,) or (height, width), infinite where nothing
+    looks like that; what is hashable, mostly a Calibration. As many at_once as `methods.Look` says,
+    but one by one until one is answered, with which it compares all others."""
 
     def __init__(self, of, at_once=1):
-        self._of, self._at_once, self._known = of, at_once, {}
+        self._of, self._at_once, self._known, self._answered = of, at_once, {}, False
 
     def __call__(self, what):
         return self.each([what])[what]
@@ -20,9 +22,11 @@ class Nats:
     def each(self, some):
         """{what: nats} of some."""
         new = [what for what in dict.fromkeys(some) if what not in self._known]
-        if new and not self._known:
-            first = new.pop(0)
-            self._known[first] = self._of(first)
+        while new and not self._answered:
+            what = new.pop(0)
+            self._known[what] = self._of(what)
+            self._answered = np.isfinite(self._known[what]).any()
         if new:
-            self._known.update(zip(new, in_threads(self._of, new, self._at_once), strict=True))
+            at_once = min(self._at_once, len(new))
+            self._known.update(zip(new, in_threads(self._of, new, at_once), strict=True))
         return {what: self._known[what] for what in some}
