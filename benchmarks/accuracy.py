@@ -8,10 +8,10 @@ about the error of temperature. Each is path-traced once and shaded in 4, 9, 18,
 over 8-14 um, noise 50 mK; the environment is estimated from the noisy cube with k = 5 objects; the
 library is the whole starter library. `net+sgd` is the ONNX file, as users get it. Writes
 accuracy.csv, one row per scene, bands and method, and confusion.csv, how many pixels of a material
-got which name there; goes on after the last whole scene, if these are of the same code. Prints the
-means, scene by scene how far net+sgd is from local, and what materials the last method takes for
-which. Everything runs on two threads. --finer traces the same scenes with so many times the pixels
-on each side.
+got which name there; goes on after the last whole scene, if these are of the same code and
+arguments, and replaces them, if not. Prints the means, scene by scene how far net+sgd is from
+local, and what materials the last method takes for which. Everything runs on two threads. --finer
+traces the same scenes with so many times the pixels on each side.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def measure(cube, truth, method, model=None):
 
 def measured(out, made, wanted):
     """Rows of accuracy.csv and of confusion.csv in a directory, as they were made by these settings
-    (see `rows.settings`), of scenes that have all (bands, method) wanted."""
+    (see `rows.settings`), of scenes that have all (bands, method) wanted, bands as text."""
     rows = whole_scenes(read_csv(out / "accuracy.csv", made), wanted)
     scenes = {r["scene"] for r in rows}
     named = [r for r in read_csv(out / "confusion.csv", made) if r["scene"] in scenes]
@@ -135,7 +135,8 @@ def main():
     torch.set_num_threads(THREADS)
     threadpool_limits(THREADS)
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
-    library, made = MaterialLibrary.starter(), f"{settings()}, {args.finer} times finer"
+    library = MaterialLibrary.starter()
+    made = f"{settings()}, {args.scenes} random scenes, {args.finer} times finer"
     rows, named = measured(args.out, made, {(str(b), m) for b in args.bands for m in args.methods})
     done = {r["scene"] for r in rows}
     for name, traced in test_scenes(args.scenes, PRESETS, done, args.finer):

@@ -46,7 +46,7 @@ def read_csv(path, made):
 
 
 def whole_scenes(rows, wanted):
-    """The rows of scenes that have all the (bands, method) wanted."""
+    """The rows of scenes that have the (bands, method) wanted, and no others."""
     of = {}
     for r in rows:
         of.setdefault(r["scene"], set()).add((r["bands"], r["method"]))

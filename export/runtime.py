@@ -17,7 +17,7 @@ from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 
 OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
-FORMAT = "2"  # of the file: another where the same weights would answer otherwise
+FORMAT = "2"  # of the file: another whenever the same weights answer otherwise, or more
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -35,7 +35,7 @@ class Runtime:
     itself), cell_px (a tile begins at a multiple of it), limits (the least and the most that sizes
     may be).
 
-    Raises InputError if path cannot be read or is not a texnet ONNX file.
+    Raises InputError if path cannot be read or is not a texnet ONNX file of this FORMAT.
     """
 
     def __init__(self, path, threads=None):

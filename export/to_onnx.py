@@ -130,7 +130,7 @@ def _trace(model):
     )  # fmt: skip
     _simplify(traced.model)  # of all its nodes, the next step would take twice as long
     optimize_ir(traced.model, num_iterations=1)
-    _simplify(traced.model)  # a tenth of the nodes is left over
+    _simplify(traced.model)  # another tenth of what is left
     return traced.model_proto
 
 

@@ -3,8 +3,11 @@
 import sys
 from types import SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
+import torch
+from threadpoolctl import threadpool_limits
 
 from benchmarks import accuracy
 from benchmarks.accuracy import ERRORS, differences
@@ -51,6 +54,16 @@ def test_materials_are_counted_by_name_where_something_was_measured():
     assert "tree                   60.0%   66.7%  soil 33.3%" in list(table(counts))
 
 
+@pytest.fixture
+def threads_as_before():
+    of_numba, of_torch = numba.get_num_threads(), torch.get_num_threads()
+    with threadpool_limits():
+        yield
+    numba.set_num_threads(of_numba)
+    torch.set_num_threads(of_torch)
+
+
+@pytest.mark.usefixtures("threads_as_before")
 def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch, capsys):
     """To the same figures, the time aside."""
     monkeypatch.setattr(accuracy, "PRESETS", ())
@@ -68,18 +81,18 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
 
     whole = run(tmp_path / "whole")
     assert whole[0] == 2 and len(whole[2]) > 3
-    again = accuracy.measure
+    original = accuracy.measure
 
     def stopped(cube, truth, *of):
         if (tmp_path / "part" / "accuracy.csv").exists():
             raise KeyboardInterrupt
-        return again(cube, truth, *of)
+        return original(cube, truth, *of)
 
     monkeypatch.setattr(accuracy, "measure", stopped)
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "part")
     capsys.readouterr()
-    monkeypatch.setattr(accuracy, "measure", again)
+    monkeypatch.setattr(accuracy, "measure", original)
     assert run(tmp_path / "part") == (1, *whole[1:])
     assert run(tmp_path / "part") == (0, *whole[1:])
     assert run(tmp_path / "part", "--finer", "2")[0] == 2  # other pictures

@@ -170,9 +170,9 @@ def decompose(
                  temperature_sigma_k holds it if stated
     model        run(radiance, known, progress, expected, regions) -> maps by net+sgd, such as
                  export.Runtime(FILE).run; net needs one that takes refined=False, too, as
-                 learned.torch_model(network) does; the shipped weights in torch if None. A
-                 method of an object with an attribute at_once, such as that Runtime, is called in
-                 as many threads at a time
+                 learned.torch_model(network) does; the shipped weights in torch if None. Called
+                 in several threads at a time only if it is the method of an object that has, as
+                 that Runtime, an attribute at_once: in so many
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
