@@ -1,6 +1,7 @@
 """What texnet is worth, measured. Each file says its command. The map:
 
-accuracy     errors and time of every method against the number of bands
+accuracy     errors and time of every method against the number of bands; confusion tells which
+             materials are taken for which
 chart        accuracy against time, beside classical methods
 speed        seconds and memory, beside what others use
 stability    where methods fail, and whether they say so; atlas draws and writes it up
