@@ -57,13 +57,16 @@ def test_a_part_of_the_axes_can_be_shown(tmp_path):
     assert (tmp_path / "atlas.png").stat().st_size > 1000
 
 
-def test_the_page_in_docs_is_of_the_tables_beside_it_and_these_of_one_code(tmp_path):
+def test_the_page_in_docs_is_of_the_tables_beside_it_and_each_axis_of_one_code(tmp_path):
     docs = Path(__file__).parents[1] / "docs"
-    tables = []
+    tables, of = [], set()
     for name in ("stability.csv", "missing.csv"):
         with open(docs / name, newline="", encoding="utf-8") as file:
-            tables.append(list(csv.DictReader(file)))
-    (made,) = {row[SETTINGS] for table in tables for row in table}
-    rows, missing = (read(docs / name, made) for name in ("stability.csv", "missing.csv"))
+            rows = list(csv.DictReader(file))
+        of |= {(row.get("axis", name), row[SETTINGS]) for row in rows}
+        made = dict.fromkeys(row[SETTINGS] for row in rows)
+        tables.append([row for one in made for row in read(docs / name, one)])
+    assert len(of) == len({axis for axis, _ in of}) == len(stability.AXES) + 1
+    rows, missing = tables
     page(rows, stability.AXES, missing, tmp_path / "atlas.md")
     assert (tmp_path / "atlas.md").read_text("utf-8") == (docs / "atlas.md").read_text("utf-8")
