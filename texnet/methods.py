@@ -55,6 +55,7 @@ class Method(NamedTuple):
 def by_network(library, model, refined=True, progress=None):
     """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
     progress(done, total)."""
+    # model is a method of what says so, such as export.Runtime
     at_once = getattr(getattr(model, "__self__", None), "at_once", 1)
 
     def known_of(environment, cube, seen):
