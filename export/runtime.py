@@ -12,12 +12,12 @@ import onnxruntime
 
 from physics.by_tiles import by_tiles
 from physics.errors import InputError
+from physics.known import Known
 from physics.machinery.threads import cores
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 
-OF_TILES = ("log_expected", "inner")  # inputs that every tile has its own of
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
-FORMAT = "2"  # of the file: another whenever the same weights answer otherwise, or more
+FORMAT = "3"  # of the file: another whenever the same weights answer otherwise, or more
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
@@ -32,8 +32,7 @@ class Runtime:
     at_once is how many tiles that is. about is the file's metadata, JSON parsed: format,
     texnet_version, history (how the weights came about), meaning (of inputs and outputs), library
     (the starter library, as a library file), halo_px (how far a pixel's answer looks around
-    itself), cell_px (a tile begins at a multiple of it), limits (the least and the most that sizes
-    may be).
+    itself), cell_px (a tile begins at a multiple of it), limits (the least that sizes may be).
 
     Raises InputError if path cannot be read or is not a texnet ONNX file of this FORMAT.
     """
@@ -79,30 +78,31 @@ class Runtime:
         material is int16, unknown bool, the others float32. Raises InputError where sizes do
         not agree or exceed what the file can take.
         """
-        feeds = {"radiance": radiance, **known}
-        feeds = {name: np.ascontiguousarray(a, np.float32) for name, a in feeds.items()}
-        self._check(feeds)
+        given = {"radiance": radiance, **known}
+        given = {name: np.ascontiguousarray(a, np.float32) for name, a in given.items()}
+        self._check(given)
         return by_tiles(
-            self._answer, feeds.pop("radiance"), feeds, expected, regions,
+            self._answer, given.pop("radiance"), given, expected, regions,
             halo=self.about["halo_px"], cell=self.about["cell_px"], tile_bytes=TILE_BYTES / 2,
             at_once=self.at_once, progress=progress,
         )  # fmt: skip
 
-    def _answer(self, known, tile, log_expected, inner):
+    def _answer(self, scene, tile, log_expected, inner):
         of_tile = {"radiance": tile, "log_expected": log_expected, "inner": inner}
         with self._slots:
-            maps = self._session.run(None, known | of_tile)
+            maps = self._session.run(None, scene | of_tile)
         return {o.name: a for o, a in zip(self._session.get_outputs(), maps, strict=True)}
 
-    def _check(self, feeds):
-        """Raise InputError unless the inputs are those of the file, and agree."""
-        axes_of = {i.name: i.shape for i in self._session.get_inputs() if i.name not in OF_TILES}
-        if feeds.keys() != axes_of.keys():
-            wrong = ", ".join(sorted(feeds.keys() ^ axes_of.keys()))
+    def _check(self, given):
+        """Raise InputError unless these are radiance and Known's fields, and agree."""
+        names = {"radiance", *Known._fields}
+        if given.keys() != names:
+            wrong = ", ".join(sorted(given.keys() ^ names))
             raise InputError(f"model: its inputs are radiance and Known's fields; see {wrong}.")
+        axes_of = {i.name: i.shape for i in self._session.get_inputs() if i.name in names}
         sizes = {}
-        for name, axes in axes_of.items():
-            shape = feeds[name].shape
+        for name, axes in (axes_of | {"error": axes_of["sigma"]}).items():
+            shape = given[name].shape
             for size, n in zip(axes, shape, strict=False):
                 if isinstance(size, str):
                     sizes.setdefault(size, n)
@@ -113,8 +113,5 @@ class Runtime:
         for size, least in self.about["limits"]["least"].items():
             if sizes[size] < least:
                 raise InputError(f"model: {size} must be at least {least}, got {sizes[size]}.")
-        for size, most in self.about["limits"]["most"].items():
-            if sizes[size] > most:
-                raise InputError(f"model: {size} must be at most {most}, got {sizes[size]}.")
         if 0 in (sizes[s] for s in ("bands", "components", "nodes", "k", "height", "width")):
             raise InputError("model: an image, its bands and its environment must not be empty.")

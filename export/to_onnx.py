@@ -1,4 +1,5 @@
-"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, weights inside.
+"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, weights inside. What no
+pixel changes (`physics.hypotheses`) goes in.
 
 torch.export follows the model once with every size symbolic, so the one file serves any
 image, bands, library and environment. Where torch meets a size of 1, or two equal sizes, it
@@ -18,9 +19,9 @@ from importlib.metadata import version
 import onnx
 import torch
 from onnxscript.optimizer import fold_constants, optimize_ir, remove_unused_nodes
+from torch import nn
 
-from physics.evidence import Known
-from physics.known import MAX_COMPONENTS, MAX_UNKNOWNS, TERMS
+from physics.known import TERMS
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import check_writable, whole_file
 from texnet.model import HYPOTHESES, TeX, TeXModel
@@ -40,13 +41,30 @@ INPUTS = {
     "spread": (("spreads", "bands"), f"{SPECTRUM}, deviations of the surroundings"),
     "skylight_spread": (("skylight_spreads", "bands"), f"{SPECTRUM}, those of the sky's light"),
     "sky_spread": (("sky_spreads", "bands"), f"{SPECTRUM}, those of the sky's own pixels"),
-    "error": (("bands",), f"{SPECTRUM}, what the environment is wrong by in every band"),
     "sky_mean": (("bands",), f"{SPECTRUM}, mean of the sky's pixels, 0 if none"),
     "prior_k": ((2,), "K, mean and standard deviation of T's prior"),
     "basis": (
         ("components", "bands"),
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
+    # of every hypothesis, a material that fills a pixel or that shares it with the sky:
+    "sky_share": (("hypotheses",), "0..1, of the sky in the pixel"),
+    "alpha_step": (("hypotheses", "bands"), f"{SPECTRUM}, a standard deviation of that share"),
+    "centre": (("bands",), "noise units, about which components are taken: z = basis (s - centre)"),
+    "to_w": (("hypotheses", "components", "components + 1"), "w in z and 1: -|w|^2 / 2 nats"),
+    "to_x": (("hypotheses", "unknowns", "components + 1"), "likeliest V and T in z and 1"),
+    "offset": (("hypotheses",), "nats, the log evidence where w is 0"),
+    "to_deviation": (("hypotheses", "deviations", "components"), "likeliest deviations in z"),
+    "deviation_0": (("hypotheses", "deviations"), "and where z is 0"),
+    "sensitivity": (("hypotheses", "deviations", "unknowns"), "and how V and T change them"),
+    "determinant": (("hypotheses",), "nats, of a prior about a guess of V"),
+    "pulled": (("hypotheses", "unknowns", "k"), "how such a guess moves V and T"),
+    "vv": (("hypotheses", "k", "k"), "blocks of a root of the precision of V and T: V's own"),
+    "vt": (("hypotheses", "k", TERMS), "of V by T"),
+    "tt": (("hypotheses", TERMS, TERMS), "of T, V being free"),
+    "solve": (("hypotheses", "k", "k"), "the inverse of vv"),
+    "tt_solve": (("hypotheses", TERMS, TERMS), "the inverse of tt"),
+    "covariance": (("hypotheses", "k", "k"), "of V given T"),
     "radiance": (("bands", "height", "width"), SPECTRUM),
     "log_expected": (
         ("materials", "height", "width"),
@@ -68,9 +86,15 @@ OUTPUTS = {
     "unknown": (PART, "true where the answer should not be trusted"),
 }
 EXAMPLE = dict(
-    bands=17, nodes=3, materials=7, k=4, spreads=5, skylight_spreads=2, sky_spreads=6,
-    components=10, height=11, width=13,
+    bands=17, nodes=3, materials=8, k=4, spreads=6, skylight_spreads=2, sky_spreads=10,
+    deviations=6 + 2 + 10 + 1, components=14, height=12, width=13,
 )  # fmt: skip
+FOLLOWING = {  # from those
+    "hypotheses": lambda n: 2 * n["materials"],
+    "unknowns": lambda n: n["k"] + TERMS,
+    "components + 1": lambda n: n["components"] + 1,
+}
+EXAMPLE |= {size: of(EXAMPLE) for size, of in FOLLOWING.items()}
 
 
 def export_onnx(network, history, path):
@@ -109,19 +133,38 @@ def _quiet():
             logger.setLevel(level)
 
 
+class _Agreeing(nn.Module):
+    """A TeXModel whose inputs agree in size, as torch.export cannot tell from what is done."""
+
+    def __init__(self, model):
+        super().__init__()
+        self.model = model
+
+    def forward(self, scene, radiance, log_expected, inner):
+        n = {}
+        for name, a in (scene | dict(radiance=radiance, log_expected=log_expected)).items():
+            for size, here in zip(INPUTS[name][0], a.shape, strict=True):
+                if size in EXAMPLE:
+                    of = FOLLOWING.get(size)
+                    torch._check(here == (n.setdefault(size, here) if of is None else of(n)))
+        return self.model(scene, radiance, log_expected, inner)
+
+
 def _trace(model):
-    assert Known._fields == tuple(INPUTS)[:-3] and TeX._fields == tuple(OUTPUTS)
-    known, *image = _example()
+    assert TeX._fields == tuple(OUTPUTS)
+    scene, *image = _example()
     inner = torch.tensor([2, 3, 5, 8])
     dynamic = {
         name: {i: torch.export.Dim.DYNAMIC for i, size in enumerate(sizes) if size in EXAMPLE}
         for name, (sizes, _) in INPUTS.items()
     }
-    of_known = Known(**{name: dynamic[name] for name in Known._fields})
     program = torch.export.export(
-        model, (known, *image, inner),
-        dynamic_shapes=(of_known, dynamic["radiance"], dynamic["log_expected"], None),
-        # what torch cannot prove of the sizes (no k > 13) it need not check either
+        _Agreeing(model), (scene, *image, inner),
+        dynamic_shapes=(
+            {name: dynamic[name] for name in scene}, dynamic["radiance"], dynamic["log_expected"],
+            None,
+        ),
+        # what torch cannot prove of the sizes it need not check either
         prefer_deferred_runtime_asserts_over_guards=True,
     )  # fmt: skip
     traced = torch.onnx.export(
@@ -141,7 +184,7 @@ def _simplify(model):
 
 
 def _example():
-    """Known, radiance and log_expected of the EXAMPLE sizes; torch looks at the sizes alone."""
+    """scene, radiance and log_expected of the EXAMPLE sizes; torch looks at the sizes alone."""
     r = torch.Generator().manual_seed(0)
     x = {
         name: torch.rand([EXAMPLE.get(size, size) for size in sizes], generator=r)
@@ -150,7 +193,8 @@ def _example():
     }
     x["nodes_um"] += 10.0
     x["prior_k"] += 300.0
-    return Known(**{name: x.pop(name) for name in Known._fields}), *x.values()
+    image = [x.pop(name) for name in ("radiance", "log_expected")]
+    return x, *image
 
 
 def _name_sizes(model):
@@ -202,10 +246,7 @@ def _metadata(network, history):
             for n, e, hue in zip(library.names, library.emissivity, library.hue_deg, strict=True)
         ],
     }
-    limits = {
-        "least": {"materials": -(-HYPOTHESES // 2)},
-        "most": {"k": MAX_UNKNOWNS - TERMS, "components": MAX_COMPONENTS},
-    }
+    limits = {"least": {"materials": -(-HYPOTHESES // 2)}}
     meaning = {n: {"sizes": s, "meaning": m} for n, (s, m) in {**INPUTS, **OUTPUTS}.items()}
     return {
         "format": FORMAT,

@@ -16,8 +16,8 @@ prior        what is known of temperatures before any pixel is solved
 exact        a package: Eq. 6 solved exactly, and with smoothness
 known        what the network is told of a scene
 expected     which materials are expected where, from afar, and which are looked for
-evidence     every material's evidence at once, by Gaussian priors
-cholesky     of many small matrices, as ONNX can have it
+hypotheses   every material, pure or partly sky, by Gaussian priors: what no pixel changes
+evidence     of every one for every pixel at once
 refinement   Gauss-Newton steps on Eq. 1 for the likeliest hypotheses
 by_tiles     a network's answer to a picture, tile by tile
 blind        a library from the cube alone

@@ -4,7 +4,8 @@ Runtime (`export.runtime`), to which this tells what is expected and what is loo
 import numpy as np
 
 from .errors import InputError
-from .expected import among_all, only
+from .expected import among_all
+from .hypotheses import of_materials, set_up
 from .known import bytes_per_pixel
 from .machinery.tiles import run_tiled
 
@@ -15,9 +16,9 @@ def by_tiles(
 ):  # fmt: skip
     """Maps (..., height, width) by name, material int16 among all materials.
 
-    answer      (known, tile, log_expected, inner) -> maps of a tile (bands, h, w) of which it
-                answers inner, see `machinery.tiles.run_tiled`; known and log_expected (materials,
-                h, w) hold the materials that are looked for there alone
+    answer      (scene, tile, log_expected, inner) -> maps of a tile (bands, h, w) of which it
+                answers inner, see `machinery.tiles.run_tiled`; scene (`hypotheses.set_up`) and
+                log_expected (materials, h, w) hold the materials that are looked for there alone
     radiance    (bands, height, width) W m-2 sr-1 um-1
     known       dict of float32 arrays as `physics.known.known_arrays` makes it
     expected    physics.expected.Expected of the materials; nothing is if None
@@ -36,13 +37,15 @@ def by_tiles(
     if regions is not None:
         regions.check(radiance.shape[1:], materials, cell)
 
+    scene = set_up(known)
+
     def of_tile(tile, inner, corner):
         held = regions.at(*(corner + inner[:2])) if regions else np.ones(materials, bool)
         if expected is None:
             log_expected = np.zeros((np.count_nonzero(held), *tile.shape[1:]), np.float32)
         else:
             log_expected = expected.of_tile(*corner, *tile.shape[1:], held)
-        maps = answer(only(known, held), tile, log_expected, inner)
+        maps = answer(of_materials(scene, held), tile, log_expected, inner)
         return among_all(maps | {"material": maps["material"].astype(np.int16)}, held)
 
     pixels = tile_bytes / bytes_per_pixel(known)

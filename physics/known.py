@@ -1,5 +1,7 @@
 """What the network is told of a scene: numpy arrays from a cube, a library, an environment."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .bands import quadrature
@@ -7,9 +9,8 @@ from .errors import InputError
 from .planck import brightness_temperature, noise_sigma, planck
 from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperature
 
-TERMS = 5  # of the series of Planck's law in `evidence`
+TERMS = 5  # of the series of Planck's law in `hypotheses`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
-MAX_UNKNOWNS = 18  # TERMS, and so many environment objects less
 COLDEST_PRIOR_K = 30.0
 # the hottest pixel but a few is at most so many prior deviations from the mean, where MAX_T allows
 HOT_SIGMAS = 5.0
@@ -21,21 +22,46 @@ SAMPLES = 6000  # pixels that the basis is made from
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
 
-def known_arrays(cube, library, environment):
-    """The fields of physics.evidence.Known as a dict of float32 arrays.
+class Known(NamedTuple):
+    """What is known of a scene beside its pixels: float32 arrays or tensors.
 
-    Raises InputError where library or environment are not for the cube's bands, where the
-    library is a single material, or where the environment has more than 13 objects.
+    nodes_um (bands, n) um, quadrature nodes of every band; sigma (bands,) its noise;
+    emissivity (materials, bands, n) at the nodes; is_sky (materials,) 1 for the sky, else 0;
+    environment (k, bands); sky_object (k,) 1 for the objects that stand for the sky;
+    spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
+    sky_mean (bands,), or zeros where no sky is in view;
+    prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
+    wide enough for all but a few in a hundred pixels;
+    basis (d, bands) orthogonal directions of noise-scaled spectra, each divided by about the
+    standard deviation that spectra have along it.
+    All other spectra in W m-2 sr-1 um-1.
+    """
+
+    nodes_um: np.ndarray
+    sigma: np.ndarray
+    emissivity: np.ndarray
+    is_sky: np.ndarray
+    environment: np.ndarray
+    sky_object: np.ndarray
+    spread: np.ndarray
+    skylight_spread: np.ndarray
+    sky_spread: np.ndarray
+    error: np.ndarray
+    sky_mean: np.ndarray
+    prior_k: np.ndarray
+    basis: np.ndarray
+
+
+def known_arrays(cube, library, environment):
+    """The fields of Known as a dict of float32 arrays.
+
+    Raises InputError where library or environment are not for the cube's bands, or where the
+    library is a single material.
     """
     environment.check_bands(cube.wavelength_um)
     if len(library) < 2:
         raise InputError(
             "library: the network chooses between materials and needs two; take method local."
-        )
-    if len(environment) > MAX_UNKNOWNS - TERMS:
-        raise InputError(
-            f"environment: the network takes {MAX_UNKNOWNS - TERMS} objects, got "
-            f"{len(environment)}; give fewer, or take method local or sgd."
         )
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes)

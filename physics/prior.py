@@ -1,4 +1,4 @@
-"""What is known of a scene's temperatures and lighting before any pixel is solved."""
+"""What is known of a scene's temperatures, lighting and mixed pixels before any is solved."""
 
 import numpy as np
 
@@ -14,6 +14,9 @@ FEW, FAR_K = 0.05, 15.0
 # They are if their bands differ by UNEVEN_K more than those of the WARM: on 59 scenes outside the
 # test sets mirrors' did by 13 K and more, and where that would have moved the T of others, by 4
 WARM, WARMER_K, UNEVEN_K = 0.1, 12.0, 10.0
+# share of sky in a mixed pixel, mean and standard deviation, below and above one half
+MIXED_MATERIAL, MIXED_SKY = (0.25, 0.15), (0.75, 0.15)
+MIXED_SHARE = 0.1  # of all pixels, a priori
 V_PRECISION = 3.0  # times k: of a Dirichlet distribution of total concentration 2
 
 

@@ -1,10 +1,10 @@
 """TeX-SGD unrolled: Gauss-Newton steps on Eq. 1 for the few likeliest hypotheses of a pixel.
 
-From `evidence` a pixel and a hypothesis come as x^ and S^-1. In x = (V', c(T)), V' being
-(V - 1/k) / v with v the prior standard deviation, c(T) the Hermite polynomials of
+From `hypotheses` and `evidence` a pixel and a hypothesis come as x^ and S^-1. In x = (V', c(T)), V'
+being (V - 1/k) / v with v the prior standard deviation, c(T) the Hermite polynomials of
 t = (T - T_0) / tau, Eq. 1 costs, in nats over the evidence and with V on the simplex,
 
-    E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 1, and the priors of `evidence`
+    E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 1, and the priors of `hypotheses`
               - |V'|^2 / 2 + kappa |V' - V'_0|^2 / 2      V's prior is moved to a guess V_0
               + (T - T_0)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is made narrower
 
@@ -27,37 +27,17 @@ from typing import NamedTuple
 import torch
 from torch.nn import functional
 
-from .cholesky import cholesky, log_det
-from .evidence import Hypotheses, hermite
-from .known import MAX_T, MAX_UNKNOWNS, TERMS
+from .evidence import hermite
+from .hypotheses import GUESS_PRECISION, Blocks, Hypotheses
+from .known import MAX_T
 from .prior import lighting_scale
 
 FREE_STEPS, STEPS = 2, 1
-GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
 TYPICAL_K = 10.0  # tau_1: how far T is from what is usual in a scene
 MAX_AT_ZERO = 5  # of V_j
 MAX_STEP = 1.5  # prior deviations
 TINY = 1e-12
 ZERO = 1e-6  # V_j above -ZERO, and as many sigmas, are not negative
-
-
-class Blocks(NamedTuple):
-    """What the steps need of every hypothesis, float32.
-
-    determinant (R,) what the other prior on V changes of the evidence, nats; pulled (R, r, k)
-    the columns of S_2 that p takes; vv (R, k, k), vt (R, k, n), tt (R, n, n) the blocks of L'_2,
-    V being V - 1/k here; solve (R, k, k) and tt_solve (R, n, n) the inverses of vv and tt;
-    covariance (R, k, k) of V given T.
-    """
-
-    determinant: torch.Tensor
-    pulled: torch.Tensor
-    vv: torch.Tensor
-    vt: torch.Tensor
-    tt: torch.Tensor
-    solve: torch.Tensor
-    tt_solve: torch.Tensor
-    covariance: torch.Tensor
 
 
 class Refined(NamedTuple):
@@ -70,32 +50,13 @@ class Refined(NamedTuple):
     energy: torch.Tensor
 
 
-def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
-    """L'_2 of a precision kappa, by what its parts mean."""
-    scale, r = lighting_scale(k), k + TERMS
-    eye = torch.eye(r, dtype=h.precision.dtype, device=h.precision.device)
-    is_v = (torch.arange(r, device=eye.device) < k).to(eye.dtype)
-    lower, inverse = cholesky(
-        h.precision + torch.diag(is_v * (precision - 1.0)) - eye, MAX_UNKNOWNS
-    )
-    factor, back = lower.transpose(1, 2), inverse.transpose(1, 2)
-    solve = back[:, :k, :k] * scale
-    centred = solve - solve.mean(dim=1, keepdim=True)  # V's sum is known
-    parts = dict(
-        determinant=log_det(lower) - h.log_det, pulled=(back @ inverse)[:, :, :k],
-        vv=factor[:, :k, :k] / scale, vt=factor[:, :k, k:], tt=factor[:, k:, k:],
-        solve=solve, tt_solve=back[:, k:, k:], covariance=centred @ centred.transpose(1, 2),
-    )  # fmt: skip
-    return Blocks(**{name: a.float() for name, a in parts.items()})
-
-
 def refine(
     b: Blocks, x, row, t, guess, width=1.0, steps=STEPS, precision=GUESS_PRECISION
 ) -> Refined:
     """Minimise E from t (P,) and guess (k, P) for the hypotheses row (P,).
 
     x (k + n, P) are the x^ of `evidence` for these hypotheses; width is tau_1 / tau, at most 1;
-    steps, at least 1, are those of T and V.
+    steps, at least 1, are those of T and V; precision is the kappa of b.
     """
     k = guess.shape[0]
     scale = lighting_scale(k)

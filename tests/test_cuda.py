@@ -7,17 +7,18 @@ nats, T by thousandths of its sigma.
 import numpy as np
 import pytest
 import torch
-from test_evidence import World
+from test_evidence import World, hypotheses
 from test_finetune import NEW, network, same, toy, weights  # noqa: F401
-from test_refinement import one_sided
+from test_refinement import blocks, one_sided
 from traced import one_thread  # noqa: F401
 from traced import traced as traced_cube
 
 from physics.eq1 import physics_loss
-from physics.evidence import evidence, hypotheses
+from physics.evidence import evidence
+from physics.hypotheses import GUESS_PRECISION
 from physics.library import MaterialLibrary
 from physics.planck import noise_sigma, planck
-from physics.refinement import blocks, refine
+from physics.refinement import refine
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
 from texnet.learned import torch_model
@@ -55,15 +56,16 @@ def test_equation_1_has_its_gradients():
 def test_evidence_and_refinement_are_the_same(bands):
     world = World(bands=bands, k=4, shape=(8, 12), lighting=one_sided(4, 96, 4))
     known, s = world.known(), world.pixels(world.known())
-    here_h, there_h = hypotheses(known), hypotheses(there(known))
-    nats, x = evidence(here_h, s)
-    on_gpu, x_there = (a.cpu() for a in evidence(there_h, s.cuda()))
+    h = hypotheses(known)
+    nats, x = evidence(h, s)
+    on_gpu, x_there = (a.cpu() for a in evidence(there(h), s.cuda()))
     torch.testing.assert_close(on_gpu, nats, rtol=1e-4, atol=1e-2)
     row = torch.from_numpy(world.material)
     best = lambda x: x[row, :, torch.arange(len(row))].T
     t, guess = torch.zeros(len(row)), torch.full((4, len(row)), 0.25)
-    found = refine(blocks(here_h, 4), best(x), row, t, guess)
-    again = refine(blocks(there_h, 4), *(a.cuda() for a in (best(x_there), row, t, guess)))
+    b = blocks(h, 4, GUESS_PRECISION)
+    found = refine(b, best(x), row, t, guess)
+    again = refine(there(b), *(a.cuda() for a in (best(x_there), row, t, guess)))
     off = (again.t.cpu() - found.t).abs() / found.sigma
     assert off.max() < 0.05
     torch.testing.assert_close(again.lighting.cpu(), found.lighting, rtol=0, atol=5e-3)

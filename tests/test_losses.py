@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from test_evidence import World
 from traced import one_thread  # noqa: F401
 
-from physics.evidence import Known
+from physics.known import Known
 from physics.planck import planck
 from texnet.network import Prediction
 from training.losses import (

@@ -7,7 +7,7 @@ are of the k-object model; they test that the parts fit, never accuracy.
 import numpy as np
 import pytest
 import torch
-from test_evidence import World, dense, sky_pixels
+from test_evidence import World, arrays_of, dense, scene, sky_pixels
 from test_network import network, predict
 from test_refinement import cost
 from torch.fx.experimental import _config
@@ -15,7 +15,6 @@ from traced import one_thread  # noqa: F401
 
 import texnet.model
 from physics import Environment, HeatCube, InputError, MaterialLibrary
-from physics.evidence import Known
 from physics.planck import planck
 from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
 from texnet.learned import torch_model
@@ -46,7 +45,7 @@ def sky_is_likelier(world, rows=3):
 
 def answer(known, cube, net=None, steps=STEPS):
     model = TeXModel(network() if net is None else net, steps)
-    return model(known, torch.from_numpy(cube.radiance.copy()))
+    return model(scene(known), torch.from_numpy(cube.radiance.copy()))
 
 
 def assert_sound(tex, materials, k, bands, shape):
@@ -265,8 +264,8 @@ def test_a_part_is_answered_as_it_is_in_the_whole(inner):
     world = world_of()
     cube, _ = sky_is_likelier(world)
     model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
-    whole = model(world.known(), image)
-    part = model(world.known(), image, inner=torch.tensor(inner))
+    whole = model(scene(world.known()), image)
+    part = model(scene(world.known()), image, inner=torch.tensor(inner))
     top, left, height, width = inner
     for name, a, b in zip(whole._fields, whole, part, strict=True):
         a = a[..., top : top + height, left : left + width]
@@ -275,7 +274,7 @@ def test_a_part_is_answered_as_it_is_in_the_whole(inner):
 
 def untrained(known, image, expected=None):
     """By a network that passes on the evidence and what is expected, without messages."""
-    return TeXModel(network(strength=0.0, messages=0))(known, image, expected)
+    return TeXModel(network(strength=0.0, messages=0))(scene(known), image, expected)
 
 
 def test_what_is_expected_counts_among_materials_that_look_alike():
@@ -311,10 +310,10 @@ def test_pixels_answered_in_chunks_are_answered_as_at_once(monkeypatch):
     world = world_of()
     cube, _ = sky_is_likelier(world)
     model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
-    whole = model(world.known(), image)
+    whole = model(scene(world.known()), image)
     monkeypatch.setattr("texnet.model.SEEN", 50)
     monkeypatch.setattr("texnet.model.ANSWERED", 70)
-    for name, a, b in zip(whole._fields, whole, model(world.known(), image), strict=True):
+    for name, a, b in zip(whole._fields, whole, model(scene(world.known()), image), strict=True):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
 
 
@@ -347,10 +346,10 @@ def test_hypotheses_that_are_not_refined_could_not_have_caught_up(monkeypatch):
 def test_it_is_computed_where_its_inputs_are(steps):
     """On torch's device without numbers, which but for indices refuses to mix with the CPU."""
     world = world_of()
-    known = Known(**{n: a.to("meta") for n, a in world.known()._asdict().items()})
+    there = {name: a.to("meta") for name, a in scene(world.known()).items()}
     radiance_there = torch.from_numpy(world.cube.radiance.copy()).to("meta")
     with _config.patch(meta_nonzero_assume_all_nonzero=True):
-        tex = TeXModel(network().to("meta"), steps)(known, radiance_there)
+        tex = TeXModel(network().to("meta"), steps)(there, radiance_there)
     assert {x.device.type for x in tex} == {"meta"}
     assert tex.texture.shape == (world.bands, *SHAPE)
 
@@ -373,16 +372,14 @@ def test_a_cpu_s_answer_leaves_gpus_alone(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "current_device", busy)
     world = world_of()
-    maps = torch_model()(
-        world.cube.radiance, {n: a.numpy() for n, a in world.known()._asdict().items()}
-    )
+    maps = torch_model()(world.cube.radiance, arrays_of(world.known()))
     assert np.isfinite(maps["temperature_k"]).all()
 
 
 def test_precision_is_ours():
     """Lightning advises lower precisions for the whole process; they would change materials."""
     world = world_of()
-    known = {n: a.numpy() for n, a in world.known()._asdict().items()}
+    known = arrays_of(world.known())
     run = torch_model()
     right = run(world.cube.radiance, known)
     torch.set_float32_matmul_precision("medium")

@@ -6,11 +6,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.torch import save_file
-from test_evidence import World
+from test_evidence import World, hypotheses
 from traced import one_thread  # noqa: F401
 
 from physics import InputError
-from physics.evidence import hypotheses
 from texnet.files.weights import load_network, save_network
 from texnet.network import DILATIONS, STRIDE, TeXNet, stem
 

@@ -9,17 +9,25 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from test_evidence import World, dense
+from test_evidence import World, dense, hypotheses
 from traced import one_thread  # noqa: F401
 
 import physics.exact.reduced as reduced
 from physics import MaterialLibrary
-from physics.evidence import components, evidence, hermite, hypotheses
+from physics.evidence import components, evidence, hermite, tensors
 from physics.exact.local import solve_given, solve_local
 from physics.exact.reduced import reduce_model
+from physics.hypotheses import Blocks
+from physics.hypotheses import blocks as set_up_blocks
 from physics.known import TERMS
 from physics.planck import planck, planck_derivative
-from physics.refinement import STEPS, Refined, blocks, deviations, of_rows, one_hot, refine
+from physics.refinement import STEPS, Refined, deviations, of_rows, one_hot, refine
+
+
+def blocks(h, k, precision):
+    """Blocks as tensors."""
+    h = h._replace(precision=h.precision.numpy())
+    return Blocks(**tensors(set_up_blocks(h, k, precision)._asdict()))
 
 
 class Start:

@@ -203,9 +203,9 @@ def test_a_glance_lies_where_the_sample_lies(monkeypatch):
     seen, steps, without = {}, set(), 0
 
     def by_brightness(network):
-        def look(known, radiance):
+        def look(scene, radiance):
             bright = radiance.mean(0) > radiance.mean()
-            p = torch.zeros(len(known.is_sky), *bright.shape)
+            p = torch.zeros(len(scene["is_sky"]), *bright.shape)
             p[0], p[1] = bright, ~bright
             return SimpleNamespace(material_probability=p)
 

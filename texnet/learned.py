@@ -11,7 +11,7 @@ import torch
 
 from physics.by_tiles import by_tiles
 from physics.errors import InputError
-from physics.evidence import Known
+from physics.evidence import tensors
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 from physics.refinement import STEPS
 
@@ -43,9 +43,9 @@ def torch_model(network=None, *, steps=STEPS, device="cpu"):
         streams.put(torch.cuda.Stream(there))
 
     def answer(model, *inputs):
-        known, tile, log_expected, inner = inputs
+        scene, tile, log_expected, inner = inputs
         tile, log_expected = (torch.from_numpy(a).to(there) for a in (tile, log_expected))
-        tex = model(Known.of(known, there), tile, log_expected, torch.from_numpy(inner))
+        tex = model(tensors(scene, there), tile, log_expected, torch.from_numpy(inner))
         return {name: a.cpu().numpy() for name, a in zip(TeX._fields, tex, strict=True)}
 
     def answer_beside_others(*inputs):

@@ -20,18 +20,11 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from physics.evidence import Known, components, hypotheses, likeliest
+from physics.evidence import components, likeliest
+from physics.hypotheses import Blocks, Hypotheses, fields
+from physics.known import Known
 from physics.planck import planck
-from physics.refinement import (
-    STEPS,
-    TYPICAL_K,
-    Refined,
-    blocks,
-    deviations,
-    of_rows,
-    one_hot,
-    refine,
-)  # fmt: skip
+from physics.refinement import STEPS, TYPICAL_K, Refined, deviations, of_rows, one_hot, refine
 
 from .chunks import ANSWERED, SEEN, by_chunks, chunks_of
 from .network import TeXNet, log_add, stem
@@ -80,8 +73,9 @@ class Seen(NamedTuple):
 
 
 class TeXModel(nn.Module):
-    """Known and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
+    """What is known of a scene and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
 
+    scene         tensors by name, of `physics.hypotheses.set_up`
     steps         of refinement; 0 answers with what the network and the evidence say
     log_expected  (materials, height, width) nats by which a material is expected, as `glance` has
                   them, for what lies beyond the network's sight; of all 0 if None
@@ -94,15 +88,13 @@ class TeXModel(nn.Module):
         self.network, self.steps = network, steps
 
     @torch.no_grad()
-    def forward(self, known: Known, radiance, log_expected=None, inner=None) -> TeX:
+    def forward(self, scene, radiance, log_expected=None, inner=None) -> TeX:
         shape, spectra = radiance.shape[1:], radiance.flatten(1)
-        h = hypotheses(known)
-        b, code = blocks(h, known.environment.shape[0]), self.network.encode(known)
+        known, h, b = (fields(kind, scene) for kind in (Known, Hypotheses, Blocks))
+        code = self.network.encode(known)
 
         if log_expected is None:
             log_expected = radiance.new_zeros(known.is_sky.shape[0], *shape)
-        for size, ours in zip(log_expected.shape[1:], shape, strict=True):
-            torch._check(size == ours)  # torch.export cannot tell from their products
         expected = log_expected.flatten(1)
 
         def see(spectra, expected):
@@ -261,12 +253,13 @@ def _texture(known, h, spectra, chosen, temperature, v, off):
     sky, share = known.is_sky, of_rows(h.sky_share, chosen)
     of_m = chosen[: sky.shape[0]] + chosen[sky.shape[0] :]
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
-    glow = (of_rows(e, of_m) * planck(known.nodes_um[..., None], temperature)).mean(1)
+    e_of_m = of_rows(e, of_m)
+    glow = (e_of_m * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
     skylight = known.skylight_spread.t() @ off[n:d]
     texture = known.environment.t() @ v + known.spread.t() @ off[:n] + skylight
     of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[d:-1]
-    rendered = (1 - share) * (glow + (1 - of_rows(h.emissivity, of_m)) * texture) + share * of_sky
+    rendered = (1 - share) * (glow + (1 - e_of_m.mean(1)) * texture) + share * of_sky
     rendered = rendered + of_rows(h.alpha_step, chosen) * off[-1]
     misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
     v_sky = v * known.sky_object[:, None]

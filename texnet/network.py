@@ -24,8 +24,9 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from physics.evidence import Hypotheses, Known, evidence
-from physics.known import MAX_T, TERMS
+from physics.evidence import evidence
+from physics.hypotheses import Hypotheses
+from physics.known import MAX_T, TERMS, Known
 from physics.planck import brightness_temperature, noise_sigma
 from physics.prior import lighting_scale
 

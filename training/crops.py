@@ -9,8 +9,8 @@ import torch
 from torch.utils.data import Dataset
 
 from physics.estimate import estimate_environment
-from physics.evidence import Known
-from physics.known import known_arrays
+from physics.evidence import tensors
+from physics.known import Known, known_arrays
 
 from .samples import OBJECTS, Sample, features
 
@@ -45,7 +45,7 @@ class Crops(Dataset):
     def __getitem__(self, i):
         radiance, dead, known = self.cubes[i % len(self)]
         rng = np.random.default_rng([self.seed, self.stream, i])
-        known = Known.of(known[rng.integers(len(known))])
+        known = Known(**tensors(known[rng.integers(len(known))]))
         side = self.side
         for _ in range(TRIES):
             top, left = (int(rng.integers(max(1, n - side + 1))) for n in dead.shape)

@@ -16,9 +16,10 @@ import torch
 
 from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
-from physics.evidence import Known, hypotheses
+from physics.evidence import tensors
 from physics.expected import Expected
-from physics.known import known_arrays
+from physics.hypotheses import Hypotheses, fields, hypotheses, set_up
+from physics.known import Known, known_arrays
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.sensor import add_noise
 from texnet.glance import PATCH, STEP, expected, from_afar
@@ -34,11 +35,11 @@ CURVE_ERROR = 0.01  # largest standard deviation of a library's error
 class Glance(NamedTuple):
     """A whole scene seen from afar, of which a Sample is a part.
 
-    known, radiance (bands, h, w)  of its patches, one every step pixels
+    scene, radiance (bands, h, w)  of its patches, one every step pixels, as TeXModel takes them
     top, left                      pixel at which the Sample begins;  turned: it is mirrored
     """
 
-    known: Known
+    scene: dict[str, torch.Tensor]
     radiance: torch.Tensor
     step: int
     top: int
@@ -86,13 +87,13 @@ def draw(record, rng, side=None) -> Sample:
     glance, step = None, int(rng.integers(PATCH, STEP + 1))
     if side >= max(height, width) or rng.random() < 0.5:
         afar = from_afar(cube, step)
-        known = Known.of(known_arrays(afar, library, environment))
-        glance = Glance(known, torch.from_numpy(afar.radiance.copy()), step, top, left, turn < 0)
+        scene = tensors(set_up(known_arrays(afar, library, environment)))
+        glance = Glance(scene, torch.from_numpy(afar.radiance.copy()), step, top, left, turn < 0)
     of = lambda a: torch.from_numpy(
         np.array(a[..., top : top + side, left : left + side][..., ::turn])
     )
     return Sample(
-        Known.of(known_arrays(cube, library, environment)),
+        Known(**tensors(known_arrays(cube, library, environment))),
         of(cube.radiance),
         of(order[record.material]),
         of(record.temperature_k),
@@ -105,8 +106,9 @@ def draw(record, rng, side=None) -> Sample:
 
 @torch.no_grad()
 def features(known, radiance):
-    """The Stem of radiance (bands, height, width)."""
-    return stem(known, hypotheses(known), radiance.flatten(1))
+    """The Stem of radiance (bands, height, width); of Known and it on a CPU."""
+    h = hypotheses({name: a.numpy() for name, a in known._asdict().items()})
+    return stem(known, fields(Hypotheses, tensors(h._asdict())), radiance.flatten(1))
 
 
 def expected_by(network, sample):
@@ -115,7 +117,7 @@ def expected_by(network, sample):
     known, shape, glance = sample.known, sample.radiance.shape[1:], sample.glance
     if glance is None:
         return sample.radiance.new_zeros(len(known.is_sky), shape[0] * shape[1])
-    p = TeXModel(network)(glance.known, glance.radiance).material_probability
+    p = TeXModel(network)(glance.scene, glance.radiance).material_probability
     seen = Expected(expected(p.cpu().numpy()), glance.step)
     nats = seen.of_tile(glance.top, glance.left, *shape)
     nats = np.ascontiguousarray(nats[..., ::-1] if glance.turned else nats)

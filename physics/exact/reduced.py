@@ -56,6 +56,9 @@ from ..machinery import scratch
 from ..planck import brightness_temperature, noise_sigma, planck
 from ..prior import (
     MIN_TEMPERATURE_SPREAD_K,
+    MIXED_MATERIAL,
+    MIXED_SHARE,
+    MIXED_SKY,
     V_PRECISION,
     lighting_scale,
     scene_temperatures,
@@ -65,9 +68,6 @@ from . import faces
 
 PIXELS_PER_GROUP = 4096
 SERIES_TOLERANCE = 0.005  # noise units
-# share of sky in a mixed pixel, mean and standard deviation, below and above one half
-MIXED_MATERIAL, MIXED_SKY = (0.25, 0.15), (0.75, 0.15)
-MIXED_SHARE = 0.1  # of all pixels, a priori
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

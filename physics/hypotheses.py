@@ -1,0 +1,207 @@
+"""What evidence and refinement take of every hypothesis, whatever the pixel: numpy, once a scene.
+
+A hypothesis is a material, pure or partly sky. Let T and V of Eq. 1 have Gaussian priors instead of
+bounds, and write B(T) as a series in Hermite polynomials of t = (T - T_0) / tau, whose coefficients
+are uncorrelated with unit variance when t is a standard normal number. The spectrum of a pixel of
+hypothesis h is then Gaussian too. In noise units,
+
+    s ~ N(mu_h, C_h),     C_h = 1 + diag(g_h^2 error^2) + F_h' F_h
+
+with, in the rows of F_h, what the pixel is free in, one standard deviation long:
+
+    g_h spread, g_h skylight_spread, alpha sky_spread, alpha's own step       (deviations)
+    g_h (S_j - mean S) / sqrt(3 k)                                         (lighting, x_V)
+    (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
+
+g_h = (1 - alpha)(1 - e_m). Of s only z = U s is looked at, the few components (`basis`) in
+which the scene's spectra differ by more than noise. With U C_h U' = L L',
+
+    w = L^-1 (z - U mu),         log p(z | h) = -|w|^2 / 2 - log det(L) + log prior,
+    x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
+
+are the evidence, and mean and covariance of x = (x_V, x_T) given z: any other x costs
+(x - x^)' S^-1 (x - x^) / 2 nats. `refinement` moves V's prior to a guess, of kappa times the
+precision, for which it takes S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2. Components are scaled by
+how far spectra differ in them, which makes z of order one, and |w|^2 is a sum of squares: float32
+is enough for the pixels.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .known import COLDEST_PRIOR_K, TERMS
+from .planck import planck
+from .prior import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, lighting_scale
+
+QUADRATURE = np.polynomial.hermite_e.hermegauss(16)
+GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
+NEVER = 1e15  # nats; misfits reach 1e12
+
+
+class Hypotheses(NamedTuple):
+    """R = 2 materials hypotheses (all pure, then all mixed with sky), q rows of F of which the last
+    r = k + n are x; float32 arrays or tensors.
+
+    sky_share (R,) alpha; alpha_step (R, bands) what one standard deviation of alpha changes,
+    W m-2 sr-1 um-1; centre (bands,) and basis (d, bands), that of `known`: z = basis (s - centre);
+    to_w (R, d, d + 1) and to_x (R, r, d + 1): w and x^ in z and 1; offset (R,) log p(z | h) where
+    w is 0; to_deviation (R, q - r, d), deviation_0 (R, q - r) and sensitivity (R, q - r, r): the
+    likeliest deviations are to_deviation z + deviation_0 - sensitivity (x - x^); precision
+    (R, r, r) S^-1, float64, for `blocks` alone.
+    """
+
+    sky_share: np.ndarray
+    alpha_step: np.ndarray
+    centre: np.ndarray
+    basis: np.ndarray
+    to_w: np.ndarray
+    to_x: np.ndarray
+    offset: np.ndarray
+    to_deviation: np.ndarray
+    deviation_0: np.ndarray
+    sensitivity: np.ndarray
+    precision: np.ndarray | None = None
+
+
+class Blocks(NamedTuple):
+    """What refinement's steps need of every hypothesis, float32 arrays or tensors.
+
+    determinant (R,) what the other prior on V changes of the evidence, nats; pulled (R, r, k)
+    the columns of S_2 by which a guess of V moves x^; vv (R, k, k), vt (R, k, n), tt (R, n, n) the
+    blocks of L'_2, V being V - 1/k here; solve (R, k, k) and tt_solve (R, n, n) the inverses of vv
+    and tt; covariance (R, k, k) of V given T.
+    """
+
+    determinant: np.ndarray
+    pulled: np.ndarray
+    vv: np.ndarray
+    vt: np.ndarray
+    tt: np.ndarray
+    solve: np.ndarray
+    tt_solve: np.ndarray
+    covariance: np.ndarray
+
+
+ALIKE = "centre", "basis"  # for all hypotheses
+MERELY = "error", "precision"  # what only this file takes
+
+
+def set_up(known):
+    """All that a model is told of a scene, float32 arrays by name: those of `known.known_arrays`,
+    of Hypotheses and of Blocks, but MERELY."""
+    h = hypotheses(known)
+    scene = known | h._asdict() | blocks(h, len(known["environment"]))._asdict()
+    return {name: a for name, a in scene.items() if name not in MERELY}
+
+
+def of_materials(scene, held):
+    """A scene as from `set_up`, of the materials that are held, a mask of all."""
+    both = np.concatenate([held, held])
+    one_by_one = {*Hypotheses._fields, *Blocks._fields} - {*ALIKE, *MERELY}
+    picked = {name: scene[name][both] for name in one_by_one}
+    return scene | picked | {name: scene[name][held] for name in ("emissivity", "is_sky")}
+
+
+def fields(kind, scene):
+    """A Known, Hypotheses or Blocks of the arrays or tensors of a scene, None where it has none."""
+    return kind(**{name: scene.get(name) for name in kind._fields})
+
+
+def hypotheses(known) -> Hypotheses:
+    """Set up all hypotheses of a scene, of which known_arrays (`known`) tell."""
+    x = {name: np.asarray(a, np.float64) for name, a in known.items()}
+    sky, sigma, k = x["is_sky"], x["sigma"], len(x["environment"])
+    in_view = float(x["sky_mean"].max() > 0)
+    sky_share = np.concatenate([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
+    share_sigma = np.concatenate([0 * sky, sky * MIXED_SKY[1] + (1 - sky) * MIXED_MATERIAL[1]])
+    prior = np.concatenate([
+        np.log(1 - MIXED_SHARE * in_view) - NEVER * sky * (1 - in_view),
+        np.log(MIXED_SHARE) - NEVER * (1 - in_view) + 0 * sky,
+    ])  # fmt: skip
+    # what glows before the sky is as good as black
+    e = x["emissivity"] + (1 - x["emissivity"]) * sky[:, None, None]
+    series = planck_series(x["nodes_um"], x["prior_k"])  # (n + 1, bands, nodes)
+    glow = np.tile((e[:, None] * series).mean(axis=-1), (2, 1, 1)) / sigma  # (R, n + 1, bands)
+    glow = glow * (1 - sky_share)[:, None, None]
+    reflected = (1 - sky_share)[:, None] * (1 - np.tile(e.mean(axis=-1), (2, 1)))
+    usual = x["environment"].mean(axis=0)
+    black = series[0].mean(axis=-1)
+    of_reflected = (reflected / sigma)[:, None]
+    alpha_step = share_sigma[:, None] * (x["sky_mean"] - black)
+    rows = np.concatenate([
+        of_reflected * x["spread"],
+        of_reflected * x["skylight_spread"],
+        sky_share[:, None, None] * (x["sky_spread"] / sigma),
+        (alpha_step / sigma)[:, None],
+        of_reflected * ((x["environment"] - usual) * lighting_scale(k)),
+        glow[:, 1:],
+    ], axis=1)  # fmt: skip
+    mean = glow[:, 0] + of_reflected[:, 0] * usual + sky_share[:, None] * x["sky_mean"] / sigma
+    r, scale = k + TERMS, np.sqrt((x["basis"] ** 2).sum(axis=1))
+    basis = x["basis"] / scale[:, None]
+    rows, error = rows @ basis.T, (reflected * x["error"] / sigma) ** 2
+    of_d, of_x = rows[:, :-r], rows[:, -r:]
+    gram = np.eye(len(basis)) + _t(of_d) @ of_d + (basis * error[:, None]) @ basis.T
+    # S^-1 without the difference in S, which would cancel
+    free = _cholesky(gram)[1] @ _t(of_x)
+    precision = np.eye(r) + _t(free) @ free
+    lower, inverse = _cholesky(gram + _t(of_x) @ of_x)
+    of_d, of_x = of_d @ _t(inverse), of_x @ _t(inverse)  # (L^-1 U F')'
+    centre = mean.mean(axis=0)
+    w_0 = -(inverse @ ((mean - centre) @ basis.T)[..., None])
+    to_w = np.concatenate([inverse / scale, w_0], axis=2)
+    return Hypotheses(
+        precision=precision,
+        **_float32(
+            sky_share=sky_share, alpha_step=alpha_step, centre=centre, basis=x["basis"],
+            to_w=to_w, to_x=of_x @ to_w, offset=prior - _log_det(lower),
+            to_deviation=of_d @ to_w[..., :-1], deviation_0=(of_d @ w_0)[..., 0],
+            sensitivity=of_d @ _t(of_x) @ precision,
+        ),
+    )  # fmt: skip
+
+
+def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
+    """L'_2 of a precision kappa, by what its parts mean."""
+    scale, r = lighting_scale(k), h.precision.shape[1]
+    of_v = np.diag((np.arange(r) < k) * (precision - 1.0))
+    lower, inverse = _cholesky(h.precision + of_v)
+    factor, back = _t(lower), _t(inverse)
+    solve = back[:, :k, :k] * scale
+    centred = solve - solve.mean(axis=1, keepdims=True)  # V's sum is known
+    return Blocks(**_float32(
+        determinant=_log_det(lower) - 0.5 * np.linalg.slogdet(h.precision)[1],
+        pulled=(back @ inverse)[:, :, :k], vv=factor[:, :k, :k] / scale, vt=factor[:, :k, k:],
+        tt=factor[:, k:, k:], solve=solve, tt_solve=back[:, k:, k:],
+        covariance=centred @ _t(centred),
+    ))  # fmt: skip
+
+
+def planck_series(nodes_um, prior_k):
+    """(n + 1, bands, nodes) coefficients of B(T_0 + tau t) in orthonormal Hermite polynomials."""
+    t, w = QUADRATURE
+    value = np.polynomial.hermite_e.hermevander(t, TERMS)
+    value[:, 1:] /= np.sqrt(np.cumprod(np.arange(1, TERMS + 1)))
+    temperature = np.maximum(prior_k[0] + prior_k[1] * t, COLDEST_PRIOR_K)
+    b = planck(nodes_um, temperature[:, None, None])
+    return np.tensordot(value.T * w / w.sum(), b, 1)
+
+
+def _cholesky(gram):
+    """L and L^-1 of gram (R, q, q) = L L'."""
+    lower = np.linalg.cholesky(gram)
+    return lower, np.linalg.inv(lower)
+
+
+def _log_det(lower):
+    """(R,) log determinants of triangular matrices (R, q, q)."""
+    return np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+
+
+def _t(a):
+    return a.transpose(0, 2, 1)
+
+
+def _float32(**arrays):
+    return {name: np.ascontiguousarray(a, np.float32) for name, a in arrays.items()}
