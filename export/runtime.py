@@ -76,7 +76,7 @@ class Runtime:
         regions   physics.expected.Regions of the picture, or None: all materials everywhere
 
         material is int16, unknown bool, the others float32. Raises InputError where sizes do
-        not agree or exceed what the file can take.
+        not agree or are too small, and as `physics.hypotheses.set_up` does.
         """
         given = {"radiance": radiance, **known}
         given = {name: np.ascontiguousarray(a, np.float32) for name, a in given.items()}

@@ -1,5 +1,5 @@
-"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, weights inside. What no
-pixel changes (`physics.hypotheses`) goes in.
+"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, weights inside. What is
+set up once a scene (`physics.hypotheses`) is an input.
 
 torch.export follows the model once with every size symbolic, so the one file serves any
 image, bands, library and environment. Where torch meets a size of 1, or two equal sizes, it
@@ -21,7 +21,8 @@ import torch
 from onnxscript.optimizer import fold_constants, optimize_ir, remove_unused_nodes
 from torch import nn
 
-from physics.known import TERMS
+from physics.hypotheses import INTERNAL, Blocks, Hypotheses
+from physics.known import TERMS, Known
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import check_writable, whole_file
 from texnet.model import HYPOTHESES, TeX, TeXModel
@@ -47,23 +48,22 @@ INPUTS = {
         ("components", "bands"),
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
-    # of every hypothesis, a material that fills a pixel or that shares it with the sky:
-    "sky_share": (("hypotheses",), "0..1, of the sky in the pixel"),
-    "alpha_step": (("hypotheses", "bands"), f"{SPECTRUM}, a standard deviation of that share"),
-    "centre": (("bands",), "noise units, about which components are taken: z = basis (s - centre)"),
-    "to_w": (("hypotheses", "components", "components + 1"), "w in z and 1: -|w|^2 / 2 nats"),
-    "to_x": (("hypotheses", "unknowns", "components + 1"), "likeliest V and T in z and 1"),
+    # of every hypothesis: all materials, each filling a pixel, then all sharing it with the sky
+    "sky_share": (("hypotheses",), "0..1, of the sky in the pixel, of materials pure, then mixed"),
+    "alpha_step": (("hypotheses", "bands"), f"{SPECTRUM}, a standard deviation of the sky's share"),
+    "centre": (("bands",), "of spectra s in noise units: components are z = basis (s - centre)"),
+    "to_w": (("hypotheses", "components", "components + 1"), "w of z and 1: -|w|^2 / 2 nats"),
+    "to_x": (("hypotheses", "unknowns", "components + 1"), "likeliest x, V and T, of z and 1"),
     "offset": (("hypotheses",), "nats, the log evidence where w is 0"),
-    "to_deviation": (("hypotheses", "deviations", "components"), "likeliest deviations in z"),
-    "deviation_0": (("hypotheses", "deviations"), "and where z is 0"),
-    "sensitivity": (("hypotheses", "deviations", "unknowns"), "and how V and T change them"),
-    "determinant": (("hypotheses",), "nats, of a prior about a guess of V"),
-    "pulled": (("hypotheses", "unknowns", "k"), "how such a guess moves V and T"),
-    "vv": (("hypotheses", "k", "k"), "blocks of a root of the precision of V and T: V's own"),
-    "vt": (("hypotheses", "k", TERMS), "of V by T"),
-    "tt": (("hypotheses", TERMS, TERMS), "of T, V being free"),
+    "to_deviation": (("hypotheses", "deviations", "components"), "likeliest deviations, of z"),
+    "deviation_0": (("hypotheses", "deviations"), "likeliest deviations where z is 0"),
+    "sensitivity": (("hypotheses", "deviations", "unknowns"), "of likeliest deviations to x"),
+    "determinant": (("hypotheses",), "nats, what a prior about a guess of V changes"),
+    "pulled": (("hypotheses", "unknowns", "k"), "how a guess of V moves x"),
+    "vv": (("hypotheses", "k", "k"), "V's block of a root of the precision of x"),
+    "vt": (("hypotheses", "k", TERMS), "T's block of V's rows of that root"),
+    "tt": (("hypotheses", TERMS, TERMS), "T's block of that root, V being free"),
     "solve": (("hypotheses", "k", "k"), "the inverse of vv"),
-    "tt_solve": (("hypotheses", TERMS, TERMS), "the inverse of tt"),
     "covariance": (("hypotheses", "k", "k"), "of V given T"),
     "radiance": (("bands", "height", "width"), SPECTRUM),
     "log_expected": (
@@ -85,7 +85,7 @@ OUTPUTS = {
     "log_evidence": (PART, "nats, of all materials together"),
     "unknown": (PART, "true where the answer should not be trusted"),
 }
-EXAMPLE = dict(
+EXAMPLE = dict(  # deviations: torch would take the sum of three sizes for one of its own
     bands=17, nodes=3, materials=8, k=4, spreads=6, skylight_spreads=2, sky_spreads=10,
     deviations=6 + 2 + 10 + 1, components=14, height=12, width=13,
 )  # fmt: skip
@@ -151,6 +151,8 @@ class _Agreeing(nn.Module):
 
 
 def _trace(model):
+    told = {*Known._fields, *Hypotheses._fields, *Blocks._fields} - {*INTERNAL}
+    assert {*INPUTS} == told | {"radiance", "log_expected", "inner"}
     assert TeX._fields == tuple(OUTPUTS)
     scene, *image = _example()
     inner = torch.tensor([2, 3, 5, 8])

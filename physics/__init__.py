@@ -12,7 +12,7 @@ overhead     the sky overhead, from the sky in view
 environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
 support      how many of them a scene supports
-prior        what is known of temperatures before any pixel is solved
+prior        what is known of temperatures, lighting and mixed pixels before any is solved
 exact        a package: Eq. 6 solved exactly, and with smoothness
 known        what the network is told of a scene
 expected     which materials are expected where, from afar, and which are looked for

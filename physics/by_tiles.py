@@ -45,7 +45,8 @@ def by_tiles(
             log_expected = np.zeros((np.count_nonzero(held), *tile.shape[1:]), np.float32)
         else:
             log_expected = expected.of_tile(*corner, *tile.shape[1:], held)
-        maps = answer(of_materials(scene, held), tile, log_expected, inner)
+        there = of_materials(scene, held) if regions else scene
+        maps = answer(there, tile, log_expected, inner)
         return among_all(maps | {"material": maps["material"].astype(np.int16)}, held)
 
     pixels = tile_bytes / bytes_per_pixel(known)

@@ -30,6 +30,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .errors import InputError
+from .expected import only
 from .known import COLDEST_PRIOR_K, TERMS
 from .planck import planck
 from .prior import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, lighting_scale
@@ -48,7 +50,7 @@ class Hypotheses(NamedTuple):
     to_w (R, d, d + 1) and to_x (R, r, d + 1): w and x^ in z and 1; offset (R,) log p(z | h) where
     w is 0; to_deviation (R, q - r, d), deviation_0 (R, q - r) and sensitivity (R, q - r, r): the
     likeliest deviations are to_deviation z + deviation_0 - sensitivity (x - x^); precision
-    (R, r, r) S^-1, float64, for `blocks` alone.
+    (R, r, r) S^-1, float64, for `blocks_of` alone.
     """
 
     sky_share: np.ndarray
@@ -61,7 +63,7 @@ class Hypotheses(NamedTuple):
     to_deviation: np.ndarray
     deviation_0: np.ndarray
     sensitivity: np.ndarray
-    precision: np.ndarray | None = None
+    precision: np.ndarray
 
 
 class Blocks(NamedTuple):
@@ -69,8 +71,8 @@ class Blocks(NamedTuple):
 
     determinant (R,) what the other prior on V changes of the evidence, nats; pulled (R, r, k)
     the columns of S_2 by which a guess of V moves x^; vv (R, k, k), vt (R, k, n), tt (R, n, n) the
-    blocks of L'_2, V being V - 1/k here; solve (R, k, k) and tt_solve (R, n, n) the inverses of vv
-    and tt; covariance (R, k, k) of V given T.
+    blocks of L'_2, V being V - 1/k here; solve (R, k, k) the inverse of vv; covariance (R, k, k) of
+    V given T.
     """
 
     determinant: np.ndarray
@@ -79,36 +81,44 @@ class Blocks(NamedTuple):
     vt: np.ndarray
     tt: np.ndarray
     solve: np.ndarray
-    tt_solve: np.ndarray
     covariance: np.ndarray
 
 
-ALIKE = "centre", "basis"  # for all hypotheses
-MERELY = "error", "precision"  # what only this file takes
+COMMON = "centre", "basis"  # to all hypotheses
+INTERNAL = "error", "precision"  # what only this file takes
 
 
 def set_up(known):
     """All that a model is told of a scene, float32 arrays by name: those of `known.known_arrays`,
-    of Hypotheses and of Blocks, but MERELY."""
-    h = hypotheses(known)
-    scene = known | h._asdict() | blocks(h, len(known["environment"]))._asdict()
-    return {name: a for name, a in scene.items() if name not in MERELY}
+    of Hypotheses and of Blocks, but INTERNAL.
+
+    Raises InputError where these are not finite, or noise is too little beside them.
+    """
+    for name, a in known.items():
+        if not np.isfinite(a).all():
+            raise InputError(f"known: {name} holds NaN or infinity.")
+    try:
+        h = hypotheses_of(known)
+        b = blocks_of(h, len(known["environment"]))
+    except np.linalg.LinAlgError as e:
+        raise InputError("known: sigma is too small beside the spectra; check its unit.") from e
+    scene = known | h._asdict() | b._asdict()
+    return {name: a for name, a in scene.items() if name not in INTERNAL}
 
 
 def of_materials(scene, held):
     """A scene as from `set_up`, of the materials that are held, a mask of all."""
     both = np.concatenate([held, held])
-    one_by_one = {*Hypotheses._fields, *Blocks._fields} - {*ALIKE, *MERELY}
-    picked = {name: scene[name][both] for name in one_by_one}
-    return scene | picked | {name: scene[name][held] for name in ("emissivity", "is_sky")}
+    one_by_one = {*Hypotheses._fields, *Blocks._fields} - {*COMMON, *INTERNAL}
+    return only(scene, held) | {name: scene[name][both] for name in one_by_one}
 
 
-def fields(kind, scene):
-    """A Known, Hypotheses or Blocks of the arrays or tensors of a scene, None where it has none."""
-    return kind(**{name: scene.get(name) for name in kind._fields})
+def part_of(scene, kind):
+    """A scene's Known, Hypotheses or Blocks, of arrays or tensors; None for what is INTERNAL."""
+    return kind(*(None if name in INTERNAL else scene[name] for name in kind._fields))
 
 
-def hypotheses(known) -> Hypotheses:
+def hypotheses_of(known) -> Hypotheses:
     """Set up all hypotheses of a scene, of which known_arrays (`known`) tell."""
     x = {name: np.asarray(a, np.float64) for name, a in known.items()}
     sky, sigma, k = x["is_sky"], x["sigma"], len(x["environment"])
@@ -162,7 +172,7 @@ def hypotheses(known) -> Hypotheses:
     )  # fmt: skip
 
 
-def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
+def blocks_of(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
     """L'_2 of a precision kappa, by what its parts mean."""
     scale, r = lighting_scale(k), h.precision.shape[1]
     of_v = np.diag((np.arange(r) < k) * (precision - 1.0))
@@ -173,7 +183,7 @@ def blocks(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
     return Blocks(**_float32(
         determinant=_log_det(lower) - 0.5 * np.linalg.slogdet(h.precision)[1],
         pulled=(back @ inverse)[:, :, :k], vv=factor[:, :k, :k] / scale, vt=factor[:, :k, k:],
-        tt=factor[:, k:, k:], solve=solve, tt_solve=back[:, k:, k:],
+        tt=factor[:, k:, k:], solve=solve,
         covariance=centred @ _t(centred),
     ))  # fmt: skip
 

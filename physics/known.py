@@ -11,6 +11,7 @@ from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperatu
 
 TERMS = 5  # of the series of Planck's law in `hypotheses`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
+MAX_OBJECTS = 13  # of an environment: what a pixel takes grows with their square
 COLDEST_PRIOR_K = 30.0
 # the hottest pixel but a few is at most so many prior deviations from the mean, where MAX_T allows
 HOT_SIGMAS = 5.0
@@ -55,13 +56,18 @@ class Known(NamedTuple):
 def known_arrays(cube, library, environment):
     """The fields of Known as a dict of float32 arrays.
 
-    Raises InputError where library or environment are not for the cube's bands, or where the
-    library is a single material.
+    Raises InputError where library or environment are not for the cube's bands, where the
+    library is a single material, or where the environment has more than MAX_OBJECTS.
     """
     environment.check_bands(cube.wavelength_um)
     if len(library) < 2:
         raise InputError(
             "library: the network chooses between materials and needs two; take method local."
+        )
+    if len(environment) > MAX_OBJECTS:
+        raise InputError(
+            f"environment: the network takes {MAX_OBJECTS} objects, got {len(environment)}; give "
+            "fewer, or take method local or sgd."
         )
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes)

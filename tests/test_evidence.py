@@ -15,19 +15,19 @@ from numpy.polynomial import hermite_e
 from scipy.stats import Covariance, multivariate_normal
 from traced import one_thread  # noqa: F401
 
-from physics import Environment, HeatCube, MaterialLibrary
+from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import quadrature
 from physics.evidence import components, evidence, hermite, tensors
 from physics.expected import only
 from physics.hypotheses import (
     Hypotheses,
     _cholesky,
-    fields,
+    hypotheses_of,
     of_materials,
+    part_of,
     planck_series,
     set_up,
 )  # fmt: skip
-from physics.hypotheses import hypotheses as set_up_hypotheses
 from physics.known import MAX_COMPONENTS, TERMS, Known, known_arrays
 from physics.planck import noise_sigma, planck
 
@@ -123,7 +123,7 @@ def arrays_of(known):
 
 def hypotheses(known):
     """Hypotheses as tensors."""
-    return Hypotheses(**tensors(set_up_hypotheses(arrays_of(known))._asdict()))
+    return Hypotheses(**tensors(hypotheses_of(arrays_of(known))._asdict()))
 
 
 def scene(known):
@@ -138,7 +138,7 @@ def directions(known):
 
 
 class Dense:
-    """One hypothesis in full, from the docstring of `evidence`, band by band in float64.
+    """One hypothesis in full, from the docstring of `hypotheses`, band by band in float64.
 
     mu (bands,), D (bands,) the diagonal part, F (q, bands), C and C_d (bands, bands), log_prior;
     noise units. Of all bands, whatever the basis.
@@ -213,7 +213,7 @@ class Dense:
         u, diagonal, f, mu, s = (
             np.asarray(a, np.longdouble) for a in (self.U, self.D, self.F, self.mu, s)
         )
-        # U is orthogonal to float32; `evidence` takes the noise of z to be white
+        # U is orthogonal to float32; `hypotheses` takes the noise of z to be white
         c = np.eye(len(u)) + (u * (diagonal - 1)) @ u.T + (f @ u.T).T @ (f @ u.T)
         low, rest = np.zeros_like(c), u @ (s - mu).T
         for i in range(len(c)):
@@ -448,6 +448,16 @@ def test_factorisation_of_what_is_almost_known(decades):
 # --- what it decides ---------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("name", "by", "said"),
+    [("sigma", 1e-12, "sigma is too small"), ("environment", np.nan, "environment holds NaN")],
+)
+def test_what_is_no_number_or_all_but_noiseless_is_said(name, by, said):
+    known = arrays_of(World().known())
+    with pytest.raises(InputError, match=said):
+        set_up(known | {name: known[name] * np.float32(by)})
+
+
 def test_rows_that_say_nothing_change_nothing():
     """Deviations of length zero are no deviations, at any number of them."""
     world = World(k=3)
@@ -515,7 +525,7 @@ def test_some_of_the_materials_say_what_they_say_among_all():
     assert some.keys() == alone.keys()
     for name in alone.keys() - {"centre", "to_w", "to_x", "deviation_0"}:  # which follow the centre
         np.testing.assert_allclose(some[name], alone[name], rtol=1e-6, err_msg=name)
-    ours, theirs = (evidence(fields(Hypotheses, tensors(a)), s) for a in (some, alone))
+    ours, theirs = (evidence(part_of(tensors(a), Hypotheses), s) for a in (some, alone))
     same(ours, theirs, hypotheses(world.known()._replace(**tensors(only(known, held)))))
 
 

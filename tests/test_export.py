@@ -124,7 +124,7 @@ EDGES = [
     dict(bands=4, k=2, materials=2, spreads=(0, 0, 0)),
     dict(bands=100, k=10, materials=30, spreads=(6, 6, 6), shape=(9, 11)),
     dict(k=1, spreads=(0, 2, 0)),
-    dict(bands=30, k=20),
+    dict(bands=30, k=13),
     dict(shape=(1, 17)),
     dict(shape=(17, 1)),
     dict(shape=(1, 1)),

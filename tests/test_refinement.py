@@ -17,8 +17,7 @@ from physics import MaterialLibrary
 from physics.evidence import components, evidence, hermite, tensors
 from physics.exact.local import solve_given, solve_local
 from physics.exact.reduced import reduce_model
-from physics.hypotheses import Blocks
-from physics.hypotheses import blocks as set_up_blocks
+from physics.hypotheses import Blocks, blocks_of
 from physics.known import TERMS
 from physics.planck import planck, planck_derivative
 from physics.refinement import STEPS, Refined, deviations, of_rows, one_hot, refine
@@ -27,7 +26,7 @@ from physics.refinement import STEPS, Refined, deviations, of_rows, one_hot, ref
 def blocks(h, k, precision):
     """Blocks as tensors."""
     h = h._replace(precision=h.precision.numpy())
-    return Blocks(**tensors(set_up_blocks(h, k, precision)._asdict()))
+    return Blocks(**tensors(blocks_of(h, k, precision)._asdict()))
 
 
 class Start:

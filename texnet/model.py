@@ -21,7 +21,7 @@ import torch
 from torch import nn
 
 from physics.evidence import components, likeliest
-from physics.hypotheses import Blocks, Hypotheses, fields
+from physics.hypotheses import Blocks, Hypotheses, part_of
 from physics.known import Known
 from physics.planck import planck
 from physics.refinement import STEPS, TYPICAL_K, Refined, deviations, of_rows, one_hot, refine
@@ -90,7 +90,7 @@ class TeXModel(nn.Module):
     @torch.no_grad()
     def forward(self, scene, radiance, log_expected=None, inner=None) -> TeX:
         shape, spectra = radiance.shape[1:], radiance.flatten(1)
-        known, h, b = (fields(kind, scene) for kind in (Known, Hypotheses, Blocks))
+        known, h, b = (part_of(scene, kind) for kind in (Known, Hypotheses, Blocks))
         code = self.network.encode(known)
 
         if log_expected is None:
@@ -240,7 +240,7 @@ def _refined(known, b, x, row, score, seen, is_sky, steps):
 def _unrefined(b, row, t, lighting, width):
     """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds, by
     the prior that refinement has."""
-    known = (b.tt_solve[:, 0] ** 2).sum(1) ** -1 - 1 + width**-2
+    known = (torch.linalg.inv(b.tt)[:, 0] ** 2).sum(1) ** -1 - 1 + width**-2
     sigma = of_rows(known**-0.5, one_hot(row, known.shape[0]))
     lighting = lighting[:, None].expand(-1, *row.shape)
     return Refined(

@@ -57,7 +57,7 @@ class Stem(NamedTuple):
 
 
 def stem(known: Known, h: Hypotheses, spectra):
-    """Stem of spectra (bands, P) W m-2 sr-1 um-1; h = hypotheses(known)."""
+    """Stem of spectra (bands, P) W m-2 sr-1 um-1; known and its Hypotheses h are tensors."""
     k = known.environment.shape[0]
     per_row, x = evidence(h, spectra / known.sigma[:, None])
     pure, mixed = per_row[: known.is_sky.shape[0]], per_row[known.is_sky.shape[0] :]

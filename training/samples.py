@@ -18,7 +18,7 @@ from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
 from physics.evidence import tensors
 from physics.expected import Expected
-from physics.hypotheses import Hypotheses, fields, hypotheses, set_up
+from physics.hypotheses import Hypotheses, hypotheses_of, set_up
 from physics.known import Known, known_arrays
 from physics.library import SKY, MaterialLibrary
 from physics.simulator.sensor import add_noise
@@ -106,9 +106,9 @@ def draw(record, rng, side=None) -> Sample:
 
 @torch.no_grad()
 def features(known, radiance):
-    """The Stem of radiance (bands, height, width); of Known and it on a CPU."""
-    h = hypotheses({name: a.numpy() for name, a in known._asdict().items()})
-    return stem(known, fields(Hypotheses, tensors(h._asdict())), radiance.flatten(1))
+    """The Stem of radiance (bands, height, width), a tensor on the CPU, as those of Known are."""
+    h = hypotheses_of({name: a.numpy() for name, a in known._asdict().items()})
+    return stem(known, Hypotheses(**tensors(h._asdict())), radiance.flatten(1))
 
 
 def expected_by(network, sample):

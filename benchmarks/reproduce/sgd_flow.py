@@ -152,7 +152,7 @@ def _draw_library(ax, library):
                 label=name)  # fmt: skip
     ax.set(title="(c) material library", xlabel="wavelength (µm)", ylabel="emissivity",
            xlim=(8, 14), ylim=(0, 1.02))  # fmt: skip
-    ax.legend(fontsize=common.TEXT - 1, ncols=2, loc="center", bbox_to_anchor=(0.58, 0.46))
+    ax.legend(fontsize=common.TEXT - 1, loc="center", bbox_to_anchor=(0.5, 0.42))
 
 
 def _draw_residuals(ax, rows):
