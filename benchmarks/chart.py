@@ -48,7 +48,7 @@ from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
 from export.runtime import Runtime
-from physics.bands import equidistant_bands, quadrature
+from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.exact.reduced import reduce_model
@@ -86,7 +86,7 @@ class Scene:
         w, fwhm = equidistant_bands(bands)
         self.cube, self.truth = traced.shade(self.library, w, fwhm, NETD_K)
         self.law = BandPlanck(w, fwhm)
-        self.curves = self.library.at(quadrature(w, fwhm)).mean(axis=-1)
+        self.curves = self.library.of_bands(w, fwhm)
         self.sky = surroundings(traced, self.truth, w, fwhm)
 
 

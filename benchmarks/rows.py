@@ -45,6 +45,14 @@ def read_csv(path, made):
         return [row for row in csv.DictReader(file) if row.pop(SETTINGS, None) == made]
 
 
+def made_otherwise(path, made):
+    """The rows of such a file that were made by any other settings."""
+    if not path.exists():
+        return []
+    with open(path, newline="", encoding="utf-8") as file:
+        return [row for row in csv.DictReader(file) if row.get(SETTINGS) != made]
+
+
 def whole_scenes(rows, wanted):
     """The rows of scenes that have the (bands, method) wanted, and no others."""
     of = {}

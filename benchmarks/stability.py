@@ -42,7 +42,7 @@ from benchmarks.atlas import draw, faults, page
 from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.surroundings import surroundings
-from benchmarks.rows import read_csv, settings, write_csv
+from benchmarks.rows import made_otherwise, read_csv, settings, write_csv
 from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
@@ -571,6 +571,12 @@ def measure(out, axes=None, progress=None):
     model = Runtime(ONNX).run
     out.mkdir(parents=True, exist_ok=True)
     library, made = MaterialLibrary.starter(), settings()
+    lost = {r["axis"] for r in made_otherwise(out / "stability.csv", made)} - {*axes}
+    if lost:
+        raise InputError(
+            f"stability: {out / 'stability.csv'} holds what other code or another machine measured "
+            f"of other axes ({'; '.join(sorted(lost))}); take another --out."
+        )
     rows = read(out / "stability.csv", made)
     known = {(r["axis"], r["level"], r["scene"]) for r in rows}
     jobs = [

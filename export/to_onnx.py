@@ -21,11 +21,11 @@ import torch
 from onnxscript.optimizer import fold_constants, optimize_ir, remove_unused_nodes
 from torch import nn
 
-from physics.hypotheses import INTERNAL, Blocks, Hypotheses
+from physics.hypotheses import COMPARED, INTERNAL, Blocks, Hypotheses
 from physics.known import TERMS, Known
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import check_writable, whole_file
-from texnet.model import HYPOTHESES, TeX, TeXModel
+from texnet.model import TeX, TeXModel
 
 from .runtime import FORMAT
 
@@ -48,7 +48,8 @@ INPUTS = {
         ("components", "bands"),
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
-    # of every hypothesis: all materials, each filling a pixel, then all sharing it with the sky
+    # of every hypothesis: all materials, each filling a pixel; then, where there is sky, all of
+    # them sharing it with that
     "sky_share": (("hypotheses",), "0..1, of the sky in the pixel, of materials pure, then mixed"),
     "alpha_step": (("hypotheses", "bands"), f"{SPECTRUM}, a standard deviation of the sky's share"),
     "centre": (("bands",), "of spectra s in noise units: components are z = basis (s - centre)"),
@@ -86,11 +87,10 @@ OUTPUTS = {
     "unknown": (PART, "true where the answer should not be trusted"),
 }
 EXAMPLE = dict(  # deviations: torch would take the sum of three sizes for one of its own
-    bands=17, nodes=3, materials=8, k=4, spreads=6, skylight_spreads=2, sky_spreads=10,
-    deviations=6 + 2 + 10 + 1, components=14, height=12, width=13,
+    bands=17, nodes=3, materials=8, hypotheses=2 * 8, k=4, spreads=6, skylight_spreads=2,
+    sky_spreads=10, deviations=6 + 2 + 10 + 1, components=14, height=12, width=13,
 )  # fmt: skip
 FOLLOWING = {  # from those
-    "hypotheses": lambda n: 2 * n["materials"],
     "unknowns": lambda n: n["k"] + TERMS,
     "components + 1": lambda n: n["components"] + 1,
 }
@@ -147,6 +147,7 @@ class _Agreeing(nn.Module):
                 if size in EXAMPLE:
                     of = FOLLOWING.get(size)
                     torch._check(here == (n.setdefault(size, here) if of is None else of(n)))
+        torch._check(n["hypotheses"] >= n["materials"])
         return self.model(scene, radiance, log_expected, inner)
 
 
@@ -248,7 +249,7 @@ def _metadata(network, history):
             for n, e, hue in zip(library.names, library.emissivity, library.hue_deg, strict=True)
         ],
     }
-    limits = {"least": {"materials": -(-HYPOTHESES // 2)}}
+    limits = {"least": {"materials": -(-COMPARED // 2)}}
     meaning = {n: {"sizes": s, "meaning": m} for n, (s, m) in {**INPUTS, **OUTPUTS}.items()}
     return {
         "format": FORMAT,

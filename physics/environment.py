@@ -29,8 +29,8 @@ class Environment(ReadOnly):
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
-    sky_mean       (bands,) mean of the sky's own pixels; the sky objects' mean if not given; None
-                   where there are neither: then no pixel can be sky
+    sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
+                   pixel can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
 
     Raises InputError where the data are not that.
@@ -73,11 +73,9 @@ class Environment(ReadOnly):
             n: none if a is None else np.array(numbers(a, f"environment: {n}"), np.float64)
             for n, a in given.items()
         }
-        sky_mean = self.sky_mean
-        if sky_mean is None and sky:
-            sky_mean = s[list(sky)].mean(axis=0)
-        if sky_mean is not None:
-            fields["sky_mean"] = np.array(numbers(sky_mean, "environment: sky_mean"), np.float64)
+        if self.sky_mean is not None:
+            mean = numbers(self.sky_mean, "environment: sky_mean")
+            fields["sky_mean"] = np.array(mean, np.float64)
         for name, array in fields.items():
             if array.shape[-1:] != (w.size,) or array.ndim != 2 - (name == "sky_mean"):
                 raise InputError(f"environment: {name} must hold {w.size} bands.")

@@ -94,10 +94,6 @@ def estimate_environment(cube, library, k=USUAL_OBJECTS, seed=0, assume_sky=Fals
     Raises InputError for a wrong k, more objects than pixels, or a band without light
     (`cube.bad_bands` leaves such bands out).
     """
-    if not isinstance(k, (int, np.integer)) or k < 1:
-        raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
-    if k > (pixels := cube.measured_count):
-        raise InputError(f"environment: k = {k} objects need at least {k} pixels, got {pixels}.")
     return Sample(cube, library, seed).environment(k, assume_sky)
 
 
@@ -165,7 +161,13 @@ class Sample:
 
     def environment(self, k, assume_sky=False, skies=None):
         """Environment of k objects by K-means, those of the sky first: skies (n, bands), if they
-        were measured."""
+        were measured. Raises InputError for a wrong k, or more objects than pixels."""
+        if not isinstance(k, (int, np.integer)) or k < 1:
+            raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
+        if k > (pixels := self.cube.measured_count):
+            raise InputError(
+                f"environment: k = {k} objects need at least {k} pixels, got {pixels}."
+            )
         cube, spectra, sky = self.cube, self.spectra, self.sky
         deviations, error_k = np.zeros((0, cube.bands)), ERROR_K
         if skies is not None:

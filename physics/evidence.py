@@ -23,9 +23,9 @@ def tensors(arrays, device="cpu"):
 
 def evidence(h: Hypotheses, s):
     """log p(z | h) (R, P) and x^ (R, r, P) of noise-scaled spectra s (bands, P)."""
-    z = components(h, s)
+    z, half = components(h, s), h.to_w.shape[0] // 2
     # by halves: w of all hypotheses would be the most that a pixel takes
-    halves = [_squares(rows, z) for rows in h.to_w.unflatten(0, (2, -1))]
+    halves = [_squares(rows, z) for rows in (h.to_w[:half], h.to_w[half:])]
     return h.offset[:, None] - 0.5 * torch.cat(halves), likeliest(h, z)
 
 

@@ -1,9 +1,9 @@
 """What evidence and refinement take of every hypothesis, whatever the pixel: numpy, once a scene.
 
-A hypothesis is a material, pure or partly sky. Let T and V of Eq. 1 have Gaussian priors instead of
-bounds, and write B(T) as a series in Hermite polynomials of t = (T - T_0) / tau, whose coefficients
-are uncorrelated with unit variance when t is a standard normal number. The spectrum of a pixel of
-hypothesis h is then Gaussian too. In noise units,
+A hypothesis is a material, pure or, where there is sky, partly sky. Let T and V of Eq. 1 have
+Gaussian priors instead of bounds, and write B(T) as a series in Hermite polynomials of
+t = (T - T_0) / tau, whose coefficients are uncorrelated with unit variance when t is a standard
+normal number. The spectrum of a pixel of hypothesis h is then Gaussian too. In noise units,
 
     s ~ N(mu_h, C_h),     C_h = 1 + diag(g_h^2 error^2) + F_h' F_h
 
@@ -42,8 +42,8 @@ NEVER = 1e15  # nats; misfits reach 1e12
 
 
 class Hypotheses(NamedTuple):
-    """R = 2 materials hypotheses (all pure, then all mixed with sky), q rows of F of which the last
-    r = k + n are x; float32 arrays or tensors.
+    """R hypotheses (all materials pure, then, where they `may_mix`, all mixed with sky), q rows of
+    F of which the last r = k + n are x; float32 arrays or tensors.
 
     sky_share (R,) alpha; alpha_step (R, bands) what one standard deviation of alpha changes,
     W m-2 sr-1 um-1; centre (bands,) and basis (d, bands), that of `known`: z = basis (s - centre);
@@ -84,6 +84,7 @@ class Blocks(NamedTuple):
     covariance: np.ndarray
 
 
+COMPARED = 3  # hypotheses that a model looks at more closely, and needs at least
 COMMON = "centre", "basis"  # to all hypotheses
 INTERNAL = "error", "precision"  # what only this file takes
 
@@ -108,9 +109,18 @@ def set_up(known):
 
 def of_materials(scene, held):
     """A scene as from `set_up`, of the materials that are held, a mask of all."""
-    both = np.concatenate([held, held])
+    part = only(scene, held)
+    mixed = held & may_mix(part)
+    rows = np.concatenate([held, mixed])[: len(scene["offset"])]
     one_by_one = {*Hypotheses._fields, *Blocks._fields} - {*COMMON, *INTERNAL}
-    return only(scene, held) | {name: scene[name][both] for name in one_by_one}
+    return part | {name: scene[name][rows] for name in one_by_one}
+
+
+def may_mix(known):
+    """Whether pixels may be partly sky: where it is in view and among the materials, or where these
+    alone would be too few hypotheses."""
+    sky = known["sky_mean"].max() > 0 and known["is_sky"].max() > 0
+    return bool(sky) or len(known["is_sky"]) < COMPARED
 
 
 def part_of(scene, kind):
@@ -123,18 +133,20 @@ def hypotheses_of(known) -> Hypotheses:
     x = {name: np.asarray(a, np.float64) for name, a in known.items()}
     sky, sigma, k = x["is_sky"], x["sigma"], len(x["environment"])
     in_view = float(x["sky_mean"].max() > 0)
-    sky_share = np.concatenate([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
-    share_sigma = np.concatenate([0 * sky, sky * MIXED_SKY[1] + (1 - sky) * MIXED_MATERIAL[1]])
-    prior = np.concatenate([
+    kinds = 2 if may_mix(x) else 1  # of hypotheses: pure, mixed
+    sky_share = np.stack([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
+    share_sigma = np.stack([0 * sky, sky * MIXED_SKY[1] + (1 - sky) * MIXED_MATERIAL[1]])
+    prior = np.stack([
         np.log(1 - MIXED_SHARE * in_view) - NEVER * sky * (1 - in_view),
         np.log(MIXED_SHARE) - NEVER * (1 - in_view) + 0 * sky,
     ])  # fmt: skip
+    sky_share, share_sigma, prior = (a[:kinds].ravel() for a in (sky_share, share_sigma, prior))
     # what glows before the sky is as good as black
     e = x["emissivity"] + (1 - x["emissivity"]) * sky[:, None, None]
     series = planck_series(x["nodes_um"], x["prior_k"])  # (n + 1, bands, nodes)
-    glow = np.tile((e[:, None] * series).mean(axis=-1), (2, 1, 1)) / sigma  # (R, n + 1, bands)
+    glow = np.tile((e[:, None] * series).mean(axis=-1), (kinds, 1, 1)) / sigma  # (R, n + 1, bands)
     glow = glow * (1 - sky_share)[:, None, None]
-    reflected = (1 - sky_share)[:, None] * (1 - np.tile(e.mean(axis=-1), (2, 1)))
+    reflected = (1 - sky_share)[:, None] * (1 - np.tile(e.mean(axis=-1), (kinds, 1)))
     usual = x["environment"].mean(axis=0)
     black = series[0].mean(axis=-1)
     of_reflected = (reflected / sigma)[:, None]

@@ -18,6 +18,7 @@ from importlib.resources import files
 
 import numpy as np
 
+from .bands import quadrature
 from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
 from .machinery.json_file import read_json
@@ -136,6 +137,11 @@ class MaterialLibrary(ReadOnly):
         """(materials,) bool, which reflect most of the light at wavelengths (n,) in um: with so
         little glow of their own they may look like anything. Raises InputError as `at`."""
         return self.at(wavelength_um).mean(axis=1) < MIRROR
+
+    def of_bands(self, wavelength_um, fwhm_um):
+        """(materials, bands) means over bands of centres and widths (bands,) in um. Raises
+        InputError as `at`."""
+        return self.at(quadrature(wavelength_um, fwhm_um)).mean(axis=-1)
 
     def covers(self, wavelength_um):
         """(...) bool: whether the library's curves reach to wavelengths (...) in um."""

@@ -21,7 +21,6 @@ do not count.
 import numpy as np
 
 from .environment import MOST_OBJECTS
-from .estimate import Sample
 from .exact.local import solve_local
 from .exact.reduced import reduce_model
 
@@ -29,12 +28,11 @@ SAMPLES, PATIENCE = 600, 2
 UNDER_SKY = 4
 
 
-def supported_count(cube, library, seed=0, assume_sky=False):
-    """k, 1..10, for a HeatCube with its NETD and a MaterialLibrary; seed and assume_sky as of the
-    estimate."""
-    sample, found = Sample(cube, library, seed), {}
-    cube, pixels = sample.cube, sample.cube.measured_count
-    pick = cube.random_pixels(np.random.default_rng([seed, 1]), SAMPLES)
+def supported_count(sample, assume_sky=False):
+    """k, 1..10, for an `estimate.Sample`; assume_sky as of the estimate."""
+    cube, library, found = sample.cube, sample.library, {}
+    pixels = cube.measured_count
+    pick = cube.random_pixels(np.random.default_rng([sample.seed, 1]), SAMPLES)
     spectra = cube.pixels(pick).astype(np.float32)
     in_view = sample.sky.any()
     solid = np.flatnonzero(~library.is_mirror(cube.wavelength_um))

@@ -71,13 +71,13 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
     monkeypatch.setattr(accuracy, "SPP", 4)
 
     def run(out, *more):
-        words = ["accuracy", "--out", out, "--scenes", "2", "--bands", "9", "--methods", "local"]
+        words = ["accuracy", "--out", out, "--scenes", "2", "--bands", "4", "--methods", "local"]
         monkeypatch.setattr(sys, "argv", [str(word) for word in (*words, *more)])
         accuracy.main()
         said = capsys.readouterr().out.splitlines()
         scenes = [line for line in said if line.startswith("random")]
         means = [line.split()[:-1] for line in said if " local" in line and line not in scenes]
-        return len(scenes), means, said[said.index("9 bands, local") :]
+        return len(scenes), means, said[said.index("4 bands, local") :]
 
     whole = run(tmp_path / "whole")
     assert whole[0] == 2 and len(whole[2]) > 3

@@ -176,8 +176,8 @@ def of_bands(cube, off):
 
 @pytest.mark.parametrize(
     ("name", "bands", "method", "percent"),
-    [("forest", 54, "net+sgd", 0.3), ("forest", 54, "local", 0.3), ("forest", 54, "local", 1),
-     ("street", 54, "net+sgd", 0.5), ("patterned", 18, "net+sgd", 1)],
+    [("forest", 54, "net+sgd", 0.3), ("forest", 54, "local", 1), ("street", 54, "net+sgd", 0.5),
+     ("patterned", 18, "net+sgd", 1)],
 )  # fmt: skip
 def test_bands_off_among_each_other_are_found(name, bands, method, percent):
     """0.3 % of each band by itself is 4 NETDs: it would make nonsense of T and materials, even
@@ -314,8 +314,7 @@ def test_wrong_curves_under_surroundings_that_are_right_are_noise(method):
     assert (off <= 2 * d.temperature_sigma_k[names_of(truth) != "sky"]).mean() > 0.9
 
 
-@pytest.mark.parametrize("gain", [0.95, 1.03])
-@pytest.mark.parametrize("method", ["net+sgd", "local"])
+@pytest.mark.parametrize(("gain", "method"), [(0.95, "net+sgd"), (1.03, "local")])
 def test_nor_is_the_cameras_gain(gain, method):
     cube = shown(traced("forest", 54)[0], Calibration(gain))
     d = decompose(cube, environment=estimate_environment(cube, LIBRARY, 5), method=method)
@@ -610,10 +609,9 @@ def test_each_camera_is_looked_at_once_alone_until_one_is_answered_and_then_two_
     assert (nats(0.9) == 0.9).all() and sorted(looked) == sorted(some)
 
 
-@pytest.mark.parametrize("gain", [1.0, 1.03])
-def test_looks_in_threads_find_what_looks_one_by_one_find(gain):
+def test_looks_in_threads_find_what_looks_one_by_one_find():
     cube, _ = traced("street", 54)
-    cube = replace(cube, radiance=gain * cube.radiance)
+    cube = replace(cube, radiance=1.03 * cube.radiance)
     asked, found = set(), []
 
     class Asked(Runtime):
@@ -631,4 +629,4 @@ def test_looks_in_threads_find_what_looks_one_by_one_find(gain):
         found.append((of.found, of.cube.radiance.tobytes(), of.environment.radiance.tobytes()))
         assert (asked == {get_ident()}) == (at_once == 1)
     assert found[0] == found[1]
-    assert found[0][0].gain == pytest.approx(gain, abs=2e-3)
+    assert found[0][0].gain == pytest.approx(1.03, abs=2e-3)

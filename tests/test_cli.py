@@ -316,7 +316,7 @@ def test_library_from_cube(capfd, tmp_path):
     assert "0.96" in made["note"]
     assert MaterialLibrary.load(library).names == tuple(made["materials"])
     words = ["decompose", cube, "--library", library, "--out", tmp_path / "out", "--json"]
-    code, out, err = run(capfd, *words)
+    code, out, err = run(capfd, *words, "--method", "local")
     assert code == 0 and set(last_json(out)["materials"]) <= set(made["materials"])
     assert "--materials" in refused(
         capfd, "library", "from-cube", cube, "--out", library, "--materials", 0
@@ -506,6 +506,15 @@ def test_simulate_then_decompose(capfd, tmp_path, suffix, method):
         "decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr"
     }  # fmt: skip
 
+
+def test_the_truth_beside_the_cube_makes_the_comparison(capfd, tmp_path):
+    cube, out_dir = tmp_path / "night.npz", tmp_path / "out"
+    seen, truth = traced("patterned", 4, (24, 36))
+    write_cube(seen, cube)
+    truth.save(tmp_path / "night.truth.npz")
+    words = ["decompose", cube, "--out", out_dir, "--method", "local", "--k", 3, "--json"]
+    code, out, err = run(capfd, *words)
+    assert code == 0 and last_json(out)["metrics"] and (out_dir / "comparison.png").exists()
     (tmp_path / "night.truth.npz").unlink()
     code, out, err = run(capfd, *words)
     assert code == 0 and last_json(out)["metrics"] is None

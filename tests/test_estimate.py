@@ -343,7 +343,8 @@ class Distilled:
         rng = np.random.default_rng(0)
         self.w = w = np.linspace(8.2, 13.8, 20)
         s = np.stack([0.4 * planck(w, 250.0), 0.6 * planck(w, 265.0), planck(w, 288.0)])
-        self.environment = Environment(s, w, sky, spread)
+        in_view = s[list(sky)].mean(axis=0) if sky else None
+        self.environment = Environment(s, w, sky, spread, sky_mean=in_view)
         self.library = LIBRARY.subset(["grass", "aluminium", "sky"])
         cube = HeatCube(np.broadcast_to(s[2][:, None, None], (20, 4, 5)), w, netd_k=netd)
         self.model = reduce_model(cube, self.library, self.environment)

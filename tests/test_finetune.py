@@ -124,7 +124,7 @@ def test_tracing_takes_up_where_it_stopped(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         scenes.make(workers=1, progress=stop)
     kept = scenes.path(0).stat().st_mtime_ns
-    scenes.make(progress=lambda *a: told.append(a))
+    scenes.make(workers=1, progress=lambda *a: told.append(a))
     assert told == [(1, 2), (2, 2)] and scenes.path(0).stat().st_mtime_ns == kept
 
 
@@ -221,18 +221,18 @@ def test_training_goes_on_to_the_same_weights_and_metrics(tmp_path, traced):
     draws, held_out = Draws(traced, 0), Draws(ReshadedSet(*_of(traced), 2, NEW, 5), 7)
 
     def run(folder, epochs):
-        # the schedule is of seven epochs, however soon a run stops
-        part = Training(network(), 7)
+        # the schedule is of three epochs, however soon a run stops
+        part = Training(network(), 3)
         metrics = fit(part, draws, [held_out[0]], folder, epochs=epochs, per_epoch=DRAWS)
         return weights(part.network), metrics
 
-    whole, metrics = run(tmp_path / "whole", 7)
+    whole, metrics = run(tmp_path / "whole", 3)
     assert {"loss", "accuracy", "supervised"} <= set(metrics)
-    first, _ = run(tmp_path / "part", 6)
-    second, again = run(tmp_path / "part", 7)
+    first, _ = run(tmp_path / "part", 2)
+    second, again = run(tmp_path / "part", 3)
     assert not same(whole, first) and same(whole, second) and metrics == again
     # a finished run is not run again
-    third, again = run(tmp_path / "part", 7)
+    third, again = run(tmp_path / "part", 3)
     assert same(whole, third) and metrics == again
 
 

@@ -17,6 +17,7 @@ from physics.known import known_arrays
 from texnet import glance
 from texnet.learned import torch_model
 from texnet.pipeline import decompose
+from texnet.solver import solve_each
 
 SHAPE = (160, 240)
 LEAST = 96  # pixels of a region on a side
@@ -83,29 +84,30 @@ def test_a_picture_smaller_than_two_parts_is_one():
     assert parts.held.all()
 
 
-def test_local_answers_each_part_by_what_it_holds(monkeypatch):
+def parts_of_it():
+    """Regions of a picture of 24 x 36 pixels, in some of which sky is looked for."""
+    held = np.random.default_rng(0).random((2, 3, 30)) < 0.3
+    held[..., MaterialLibrary.starter().sky_index] = [[True, False, True], [False, True, False]]
+    return Regions(((0, 12, 24), (0, 12, 24, 36)), held)
+
+
+def test_local_answers_each_part_as_if_nothing_else_were_in_the_library():
     cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
-    monkeypatch.setattr(glance, "PATCHES", 24 * 36 // 4)
-    whole = decompose(cube, method="local", k=3)
-    monkeypatch.setattr(glance, "REGION", 12)
-    held, of = [], glance.regions
-    monkeypatch.setattr(glance, "regions", lambda *a: held.append(of(*a)) or held[-1])
-    d = decompose(cube, method="local", k=3)
-    (parts,) = held
-    seen = np.flatnonzero(whole.material_probability.any(axis=(1, 2)))
-    assert parts.held.shape == (2, 3, len(seen)) and not parts.held.all()
+    library, parts = MaterialLibrary.starter(), parts_of_it()
+    environment = estimate_environment(cube, library, 3)
+    maps = solve_each(cube, library, environment, parts)
     for i, j in np.ndindex(2, 3):
-        part = np.s_[12 * i : 12 * i + 12, 12 * j : 12 * j + 12]
-        there = np.isin(np.arange(30), seen[parts.held[i, j]])
-        p, all_p = (a.material_probability[:, *part] for a in (d, whole))
-        assert not p[~there].any() and np.isfinite(d.temperature_k).all()
-        np.testing.assert_allclose(p.sum(axis=0), 1, atol=1e-5)
-        same = whole.material[part] == d.material[part]
-        assert same[there[whole.material[part]]].all()  # the likeliest, if it may be there
-        same &= d.material[part] != d.material_names.index("sky")  # T of what may stand before it
-        np.testing.assert_array_equal(d.temperature_k[part][same], whole.temperature_k[part][same])
-        ratio = all_p[there] / all_p[there].sum(axis=0)
-        np.testing.assert_allclose(p[there], ratio, atol=1e-4)  # Bayes's rule for the others
+        part, there = np.s_[..., 12 * i : 12 * i + 12, 12 * j : 12 * j + 12], parts.held[i, j]
+        some = library.subset([n for n, held in zip(library.names, there, strict=True) if held])
+        alone = solve_each(cube, some, environment)
+        p = maps["material_probability"][part]
+        assert not p[~there].any()
+        # both have B(T) as a series, to a two-hundredth of the noise
+        np.testing.assert_allclose(p[there], alone["material_probability"][part], atol=0.02)
+        same = maps["material"][part] == np.flatnonzero(there)[alone["material"][part]]
+        assert same.mean() > 0.98  # the others are as likely as another
+        off = (maps["temperature_k"] - alone["temperature_k"])[part][same]
+        np.testing.assert_allclose(off, 0, atol=0.01)
 
 
 @pytest.mark.parametrize("model", [torch_model(), Runtime(ONNX, threads=2).run])
@@ -113,12 +115,11 @@ def test_a_network_answers_each_part_as_if_nothing_else_were_in_the_library(mode
     cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
     library = MaterialLibrary.starter()
     known = known_arrays(cube, library, estimate_environment(cube, library, 3))
-    held = np.random.default_rng(0).random((2, 3, 30)) < 0.3
-    parts = Regions(((0, 12, 24), (0, 12, 24, 36)), held)
+    parts = parts_of_it()
     nats = np.random.default_rng(1).normal(size=(30, 6, 9)).astype(np.float32)
     maps = model(cube.radiance, known, None, Expected(nats, 4), parts)
     for i, j in np.ndindex(2, 3):
-        part, there = np.s_[..., 12 * i : 12 * i + 12, 12 * j : 12 * j + 12], held[i, j]
+        part, there = np.s_[..., 12 * i : 12 * i + 12, 12 * j : 12 * j + 12], parts.held[i, j]
         alone = model(cube.radiance, only(known, there), None, Expected(nats[there], 4))
         p = maps["material_probability"][part]
         assert not p[~there].any()

@@ -255,6 +255,7 @@ def tiny(monkeypatch):
     monkeypatch.setattr(common, "night", small)
     monkeypatch.setattr(ghosting, "SIZE", SIZE)
     monkeypatch.setattr(ghosting, "SPP", 4)
+    monkeypatch.setattr(ghosting, "FINENESS", 1)
     monkeypatch.setattr(tex_vision, "SCENES", ("forest",))
     for module in (bayer, environment_method, curves):
         small = lambda name, seed, *_: errors.traced(name, seed, SIZE, 4)
@@ -263,6 +264,8 @@ def tiny(monkeypatch):
     monkeypatch.setattr(curves, "sizes", lambda full: (SIZE, 4, 2, 0))
     monkeypatch.setattr(bands, "BANDS", (4, 20))
     monkeypatch.setattr(environment_count, "COUNTS", (1, 3))
+    monkeypatch.setattr(environment_count, "BANDS", 12)
+    monkeypatch.setattr(environment_method, "BANDS", 12)
 
 
 @pytest.mark.parametrize("figure", texnet.cli.FIGURES)

@@ -1,6 +1,7 @@
 """The difficulties of the atlas are those that it names."""
 
 from dataclasses import replace
+from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from benchmarks import rows, stability
 from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
+from benchmarks.reproduce import common
 from benchmarks.stability import (
     AXES,
     Case,
@@ -18,7 +20,7 @@ from benchmarks.stability import (
     missing_rows,
     row_of,
 )
-from physics import MaterialLibrary
+from physics import InputError, MaterialLibrary
 from physics.planck import brightness_temperature, planck
 from texnet.learned import torch_model
 from texnet.methods import METHODS
@@ -31,6 +33,7 @@ def small():
     patch = pytest.MonkeyPatch()
     patch.setattr(stability, "SIZE", (24, 32))
     patch.setattr(stability, "SPP", 16)
+    patch.setattr(stability, "shaded", lru_cache(stability.shaded))
     stability._traced.cache_clear()
     yield
     patch.undo()
@@ -63,6 +66,7 @@ def test_every_case_is_a_cube_with_its_truth(axis, library):
     [(stability.ALIKE[0], "noise", 0.05), (stability.ALIKE[1], "gain off", 3)],
 )
 def test_what_is_found_once_is_what_each_method_finds(methods, axis, level, library):
+    library = common.scene_library(stability.shaded(FOREST, library)[1])
     c, model = case(axis, level, library), torch_model()
     for method, d in stability.answers(c, methods, model).items():
         own = decompose(c.cube, library, method=method, k=c.k, model=model)
@@ -188,3 +192,8 @@ def test_rows_of_other_code_do_not_count(tmp_path, monkeypatch):
     assert stability.read(table, rows.settings()) == kept
     monkeypatch.setattr(rows, "CODE", [])
     assert stability.read(table, rows.settings()) == []
+    # and are not lost for a few that are measured anew
+    before = table.read_bytes()
+    with pytest.raises(InputError, match=r"other axes \(x\); take another --out"):
+        stability.measure(tmp_path, ["noise"])
+    assert table.read_bytes() == before

@@ -11,6 +11,7 @@ it.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from physics.cube.hot import split_hot
 from physics.cube.prepared import Prepared, prepared
 from physics.cube.saturation import saturated
 from physics.environment import Environment
-from physics.estimate import USUAL_OBJECTS, completed, estimate_environment
+from physics.estimate import USUAL_OBJECTS, Sample, completed, estimate_environment
 from physics.machinery.blas import no_blas_threads
 
 from .camera.calibration import calibration, error_of_given, sky_is_likelier
@@ -105,46 +106,50 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
     is corrected; with a sky that is assumed, where that explains the pixels. Where its wavelengths
     are off all of it is done again at those that it shows (moved)."""
     library = how["library"]
+    environment, objects, assumed = _surroundings(ready, cold, k, seed, how, lap, progress)
+    found = calibration(cold, environment, **how, moved=moved or assumed)
+    if found.shift_um:
+        lap("calibration")
+        there = (of.moved(found.shift_um) for of in (ready, cold))
+        return _with_estimated(*there, k, seed, how, lap, progress, moved=True)
+    estimate = partial(estimate_environment, library=library, k=objects, seed=seed)
+    cube, metres = ready.cube, None
+    if found.air:
+        through = estimate(corrected(cube, found), assume_sky=assumed)
+        metres = distances(cold, through, how["looks"](), len(library), found)
+    if not found.keeps_cube:
+        cube = corrected(cube, found, metres)
+        environment = estimate(cube, assume_sky=assumed)
+    return dict(
+        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
+        sky_assumed=assumed, found=found, distance_m=metres,
+    )  # fmt: skip
 
-    def estimate(cube, objects, assume_sky=False):
-        return estimate_environment(cube, library, objects, seed, assume_sky)
+
+def _surroundings(ready, cold, k, seed, how, lap, progress):
+    """The Environment of a Prepared as it is, how many objects it was to have, and whether one of
+    them is a sky that is assumed; arguments as there."""
+    sample = Sample(ready.cube, how["library"], seed)
 
     def supported(assume_sky=False):
         from physics.support import supported_count  # numba takes a second to load
 
         with compiling(progress):
-            return supported_count(ready.cube, library, seed, assume_sky)
+            return supported_count(sample, assume_sky)
 
     counting = k in (None, "auto")
     objects = min(USUAL_OBJECTS, ready.cube.measured_count) if counting else k
-    environment = estimate(ready.cube, objects)
-    if environment.sky and k == "auto":
+    if sample.sky.any() and k == "auto":
         objects = supported()
-        environment = estimate(ready.cube, objects)
+    environment = sample.environment(objects)
     lap("environment")
-    sky, assumed, metres = bool(environment.sky), False, None
-    if not sky:
-        under = estimate(ready.cube, objects, assume_sky=True)
-        if under.sky:
-            # what is not seen of a missing sky would look like wrong wavelengths
-            without = calibration(cold, environment, **how, moved=True)
-            assumed = sky_is_likelier(cold, environment, without, under, **how)
-        if counting:
-            objects = supported(assumed)
-        environment = estimate(ready.cube, objects, assumed)
-    found = calibration(cold, environment, **how, in_view=sky, moved=moved or assumed)
-    if found.shift_um:
-        lap("calibration")
-        there = (of.moved(found.shift_um) for of in (ready, cold))
-        return _with_estimated(*there, k, seed, how, lap, progress, moved=True)
-    cube = ready.cube
-    if found.air:
-        through = estimate(corrected(cube, found), objects, assumed)
-        metres = distances(cold, through, how["looks"](), len(library), found)
-    if not found.keeps_cube:
-        cube = corrected(cube, found, metres)
-        environment = estimate(cube, objects, assumed)
-    return dict(
-        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
-        sky_assumed=assumed, found=found, distance_m=metres,
-    )  # fmt: skip
+    if environment.sky:
+        return environment, objects, False
+    assumed, under = False, sample.environment(objects, assume_sky=True)
+    if under.sky:
+        # what is not seen of a missing sky would look like wrong wavelengths
+        without = calibration(cold, environment, **how, moved=True)
+        assumed = sky_is_likelier(cold, environment, without, under, **how)
+    if counting:
+        objects = supported(assumed)
+    return sample.environment(objects, assumed), objects, assumed

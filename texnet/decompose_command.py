@@ -235,8 +235,8 @@ def _of_objects(k, chosen, given, bands):
             )
         return
     yield f"Objects      k = {k}{', chosen' if chosen else ''}"
-    if k >= bands > 1 and not chosen:
-        yield f"Few bands    {bands} do not tell {k} objects apart: see --k auto"
+    if k >= bands > 1:
+        yield f"Few bands    {bands} do not tell {k} objects apart: V leans on what is usual"
 
 
 def _corrections(r):

@@ -21,16 +21,15 @@ import torch
 from torch import nn
 
 from physics.evidence import components, likeliest
-from physics.hypotheses import Blocks, Hypotheses, part_of
+from physics.hypotheses import COMPARED, Blocks, Hypotheses, part_of
 from physics.known import Known
 from physics.planck import planck
 from physics.refinement import STEPS, TYPICAL_K, Refined, deviations, of_rows, one_hot, refine
 
 from .chunks import ANSWERED, SEEN, by_chunks, chunks_of
-from .network import TeXNet, log_add, stem
+from .network import TeXNet, log_add, pure_and_mixed, stem
 from .uncertainty import AIR_SIGMA_K, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS, fits
 
-HYPOTHESES = 3  # of a pixel, the likeliest
 CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
 NEVER_NATS, AFTER_ALL_NATS = 1e9, 1e6  # what cannot be; what comes after all others that can
 
@@ -122,17 +121,17 @@ def _answer(known, h, b, steps, *seen):
     """TeX of pixels, of their Seen."""
     seen = Seen(*seen)
     materials, sky = known.is_sky.shape[0], known.is_sky
-    log_row = _proposed(known, seen)
-    score, row = log_row.topk(HYPOTHESES, dim=0)
+    log_row = _proposed(known, h, seen)
+    score, row = log_row.topk(COMPARED, dim=0)
     z = components(h, seen.spectra / known.sigma[:, None])
     x = likeliest(h, z)
     x = x.gather(0, row[:, None].expand(-1, x.shape[1], -1))
     of_sky = sky[_material(row, materials)]
     r = _refined(known, b, x, row, score, seen, of_sky > 0, steps)
-    log_evidence = _own_evidence(seen, row, r)
+    log_evidence = _own_evidence(h, seen, row, r)
     log_row = _after(log_row, row, score, seen.trust * r.energy)
     score = log_row.gather(0, row)
-    p = torch.softmax(log_add(log_row[:materials], log_row[materials:]), dim=0)
+    p = torch.softmax(log_add(*pure_and_mixed(log_row, materials, NEVER_NATS)), dim=0)
 
     best = score.argmax(0, keepdim=True)
     material = _material(row.gather(0, best)[0], materials)
@@ -148,10 +147,13 @@ def _answer(known, h, b, steps, *seen):
     temperature = torch.where(empty, seen.air, temperature)
 
     final = torch.where(empty, best, before)
-    chosen = one_hot(row.gather(0, final)[0], 2 * materials)
+    of_final = row.gather(0, final)[0]
+    chosen = one_hot(of_final, log_row.shape[0])
     x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
     off = deviations(h, z, x, chosen, t, v)
-    texture, sky_texture, misfit = _texture(known, h, seen.spectra, chosen, temperature, v, off)
+    e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
+    e = of_rows(e, one_hot(_material(of_final, materials), materials))
+    texture, sky_texture, misfit = _texture(known, h, seen.spectra, chosen, e, temperature, v, off)
     of_m = lambda a: a.gather(0, material[None])[0]
     # a misfit beyond the noise widens sigma (Birge's ratio)
     variance = variance * misfit.clamp(min=1) ** 2 + NET_OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
@@ -170,16 +172,21 @@ def _answer(known, h, b, steps, *seen):
     )  # fmt: skip
 
 
-def _proposed(known, seen):
+def _proposed(known, h, seen):
     """(R, P) log probability of all hypotheses, of the network and the pixel together."""
     never = NEVER_NATS * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
-    log_m = seen.log_material - never[:, None]
-    return torch.cat([log_m + seen.log_pure, log_m + seen.log_mixed])
+    return _by_hypothesis(h, seen.log_material - never[:, None], seen)
 
 
-def _own_evidence(seen, row, r):
+def _by_hypothesis(h, log_m, seen):
+    """(R, P) of the materials' (M, P), pure and, if any is, mixed."""
+    log_row = torch.cat([log_m + seen.log_pure, log_m + seen.log_mixed])
+    return log_row[: h.offset.shape[0]]
+
+
+def _own_evidence(h, seen, row, r):
     """(P,) log evidence of all hypotheses together, of which row (C, P) were Refined."""
-    log_row = torch.cat([seen.log_evidence + seen.log_pure, seen.log_evidence + seen.log_mixed])
+    log_row = _by_hypothesis(h, seen.log_evidence, seen)
     log_row = _after(log_row, row, log_row.gather(0, row), r.energy)
     most = log_row.amax(0)
     return most + torch.log(torch.exp(log_row - most).sum(0))
@@ -248,12 +255,10 @@ def _unrefined(b, row, t, lighting, width):
     )
 
 
-def _texture(known, h, spectra, chosen, temperature, v, off):
-    """X (bands, P), its sky-lit band mean and the residual (P,) of the hypotheses chosen (R, P)."""
-    sky, share = known.is_sky, of_rows(h.sky_share, chosen)
-    of_m = chosen[: sky.shape[0]] + chosen[sky.shape[0] :]
-    e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
-    e_of_m = of_rows(e, of_m)
+def _texture(known, h, spectra, chosen, e_of_m, temperature, v, off):
+    """X (bands, P), its sky-lit band mean and the residual (P,) of the hypotheses chosen (R, P), of
+    emissivity e_of_m (bands, n, P)."""
+    share = of_rows(h.sky_share, chosen)
     glow = (e_of_m * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
     skylight = known.skylight_spread.t() @ off[n:d]

@@ -25,7 +25,7 @@ from torch import nn
 from torch.nn import functional
 
 from physics.evidence import evidence
-from physics.hypotheses import Hypotheses
+from physics.hypotheses import NEVER, Hypotheses
 from physics.known import MAX_T, TERMS, Known
 from physics.planck import brightness_temperature, noise_sigma
 from physics.prior import lighting_scale
@@ -58,13 +58,14 @@ class Stem(NamedTuple):
 
 def stem(known: Known, h: Hypotheses, spectra):
     """Stem of spectra (bands, P) W m-2 sr-1 um-1; known and its Hypotheses h are tensors."""
-    k = known.environment.shape[0]
+    k, materials = known.environment.shape[0], known.is_sky.shape[0]
     per_row, x = evidence(h, spectra / known.sigma[:, None])
-    pure, mixed = per_row[: known.is_sky.shape[0]], per_row[known.is_sky.shape[0] :]
+    pure, mixed = pure_and_mixed(per_row, materials, NEVER)
     more = mixed - pure
     log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) is so much above the larger
     log_pure, log_mixed = -(more.relu() + log_sum), -((-more).relu() + log_sum)
-    t = x[:, -TERMS].clamp(-MAX_T, MAX_T).unflatten(0, (2, -1))  # c's first is t itself
+    # c's first is t itself
+    t = pure_and_mixed(x[:, -TERMS].clamp(-MAX_T, MAX_T), materials)
     best = per_row.argmax(dim=0)
     v = x.gather(0, best.expand(1, k, -1))[0]
     v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
@@ -76,6 +77,14 @@ def stem(known: Known, h: Hypotheses, spectra):
             known.nodes_um.mean(1)[:, None], spectra.clamp(min=1e-6)
         ),
     )  # fmt: skip
+
+
+def pure_and_mixed(of_hypotheses, materials, less=0.0):
+    """(M, P) each, of hypotheses (R, P): where none is mixed, of the pure ones again, so much
+    less."""
+    rows = of_hypotheses.shape[0]
+    none_mixed = 2 - rows // materials
+    return of_hypotheses[:materials], of_hypotheses[rows - materials :] - less * none_mixed
 
 
 def log_add(a, b):

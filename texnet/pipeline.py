@@ -44,8 +44,8 @@ class Decomposition:
 
     temperature_k         K; of sky pixels that of what may stand before the sky, or the air's
     material              int16, index into material_names
-    emissivity            (materials, bands) their curves at the bands: a pixel's e is that of its
-                          material
+    emissivity            (materials, bands) the means of their curves over the bands: a pixel's e
+                          is that of its material
     thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
                           net+sgd, where it may be, that of what stands before the sky
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
@@ -237,7 +237,8 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
         distance_m=of.distance_m,
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
         sky_assumed=of.sky_assumed,
-        wavelength_um=ready.stated_um, emissivity=library.at(of.cube.wavelength_um),
+        wavelength_um=ready.stated_um,
+        emissivity=library.of_bands(of.cube.wavelength_um, of.cube.fwhm_um),
         hue_deg=library.hue_deg, camera_netd_k=ready.camera_netd_k,
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),

@@ -130,7 +130,8 @@ def with_level_error(sigma, maps, library, cube):
         level[library.sky_index] = 0.0
     if not level.any():
         return sigma
-    curves, out = library.at(cube.wavelength_um), scratch.empty(sigma.shape, np.float32)
+    curves = library.of_bands(cube.wavelength_um, cube.fwhm_um)
+    out = scratch.empty(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)
         material = maps["material"][part].astype(np.intp)

@@ -8,4 +8,5 @@ train     a network from nothing
 reshade   the scenes again, made of another library
 crops     somebody's own cubes, without truth
 finetune  a network gets used to a library or an instrument
+workers   processes that leave Ctrl-C to the one that waits for them
 """

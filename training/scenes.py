@@ -18,7 +18,6 @@ import signal
 import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
-from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from pathlib import Path
 
@@ -36,6 +35,7 @@ from physics.simulator import simulate
 from physics.simulator.presets.random_scene import random_scene
 
 from .vary import vary
+from .workers import deaf_to_ctrl_c
 
 # Seeds below 10,000 were looked at while the simulator was built and never train or test.
 BASE_SEED = {"train": 1_000_000, "validation": 2_000_000, "test": 3_000_000}
@@ -250,19 +250,14 @@ def _in_processes(scenes, missing, workers):
     process with threads may hang. No worker outlives this generator or its process.
     """
     context, todo, free = multiprocessing.get_context("spawn"), iter(missing), {}
-    resource_tracker.ensure_running()  # its start would unblock what is blocked below
     try:
-        # Ctrl-C reaches the whole process group; here it is answered, by the workers not.
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with deaf_to_ctrl_c():
             for _ in range(min(workers, len(missing))):
                 pipe, theirs = context.Pipe()
                 process = context.Process(target=_work, args=(scenes, theirs), daemon=True)
                 process.start()
                 theirs.close()  # so that their end closes when they end
                 free[pipe] = process
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         busy = {}
         for pipe, i in zip(free, todo, strict=False):
             with suppress(ConnectionError):  # it died; said below

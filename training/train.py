@@ -12,7 +12,6 @@ import signal
 import time
 import warnings
 from importlib.metadata import version
-from multiprocessing import resource_tracker
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +35,7 @@ from texnet.network import TeXNet
 from .losses import PHYSICS_WEIGHT, cross_entropy, eq1_loss, supervised_loss
 from .samples import draw, expected_by, features
 from .scenes import SceneSet
+from .workers import deaf_to_ctrl_c
 
 LEARNING_RATE = 2e-3
 WARM_UP = 0.1  # of the steps, before the learning rate falls
@@ -226,12 +226,8 @@ class Loader(DataLoader):
         )  # fmt: skip
 
     def __iter__(self):
-        resource_tracker.ensure_running()  # its start would unblock what is blocked below
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it
-        try:
+        with deaf_to_ctrl_c():
             return super().__iter__()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _as_worker(_):

@@ -113,7 +113,11 @@ def solve_local(
 def _tries(model, among):
     """What is tried: of each hypothesis the tries (H, 3), -1 for none; and of each try the row of
     the model and the start (Q,)."""
-    rows = np.flatnonzero(among[model.material] if among is not None else model.material >= 0)
+    held = np.ones(len(model.material), bool)
+    if among is not None:
+        sky = model.library.sky_index
+        held = among[model.material] & ((model.sky_share == 0) | (sky is not None and among[sky]))
+    rows = np.flatnonzero(held)
     again = np.flatnonzero(model.emissivity[rows].mean(axis=1) < REFLECTS)
     tries = np.full((len(rows), 3), -1)
     tries[:, 0] = np.arange(len(rows))

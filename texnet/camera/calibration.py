@@ -51,7 +51,7 @@ from ..glance import LEAST_MATERIALS
 from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
-from .correction import RIGHT, corrected, corrected_environment, lifted_nats
+from .correction import RIGHT, Calibration, corrected, corrected_environment, lifted_nats
 from .distances import likeliest_octaves
 from .nats import Nats
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
@@ -80,7 +80,7 @@ ERRORS_K, ERROR_WORTH = (3.0, 10.0, 30.0), 0.15
 LESS, LOOKS = 0.9, 24  # of the noise, and no longer the same; at most
 
 
-def calibration(cube, environment, looks, library, left_out=None, in_view=True, moved=False):
+def calibration(cube, environment, looks, library, left_out=None, moved=False):
     """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
     RIGHT if nothing is wrong, or too little is there to say so. Where its wavelengths are off it
     says that alone: all else is to be asked of the cube and an environment at those it shows.
@@ -88,32 +88,40 @@ def calibration(cube, environment, looks, library, left_out=None, in_view=True, 
     looks     as a `methods.Method` has it
     library   MaterialLibrary of what may be seen
     left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
-    in_view   whether the environment's sky, if it has one, is in view, not assumed
     moved     whether that was done, and they are not asked for again
     """
     part = _sample(cube, left_out)
     if part is None:
         return RIGHT
-    sky = in_view and environment.sky_mean is not None
+    sky = environment.sky_mean is not None
     scene = _Scene(part, environment, library, looks)
     nats_of = scene.nats_of()
     kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
     camera, suspected = one_error(nats_of, sky, kinds)
     if camera.shift_um:
         return camera
-    found, misfit, unfit, noise = _that_fits(scene, nats_of, camera, sky)
-    if misfit > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
+    fit = _that_fits(scene, nats_of, camera, sky)
+    if fit.left > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
-        if evened is not None and 0 < (less := scene.left(evened)) <= _just(cube):
-            found, misfit, unfit = evened, less, []
-    suspected_k = _suspected_k(scene, nats_of, found, [*suspected, *unfit], noise)
-    return _with_noise(found._replace(suspected_k=suspected_k), misfit, cube)
+        if evened is not None and 0 < (left := scene.left(evened)) <= _just(cube):
+            fit = fit._replace(found=evened, left=left, unfit=())
+    suspected_k = _suspected_k(scene, nats_of, fit.found, [*suspected, *fit.unfit], fit.noise)
+    return _with_noise(fit.found._replace(suspected_k=suspected_k), fit.left, cube)
+
+
+class _Fit(NamedTuple):
+    """The first Calibration found by which pixels are likelier and fit, RIGHT if none; what is left
+    with it, in noise units; those likelier that do not fit; and the noise that it takes if nothing
+    is wrong."""
+
+    found: Calibration
+    left: float
+    unfit: tuple[Calibration, ...]
+    noise: float
 
 
 def _that_fits(scene, nats_of, camera, sky):
-    """The first Calibration by which the pixels of a _Scene are likelier and fit, RIGHT if none,
-    given its one error; what is left with it; those likelier that do not fit; and the noise that
-    it takes if nothing is wrong."""
+    """The _Fit of a _Scene, given its one error."""
     just, all_left = _just(scene.part), scene.left(RIGHT)
     noise = _with_noise(RIGHT, all_left, scene.part).noise
     tried, unfit = {RIGHT}, []
@@ -126,10 +134,10 @@ def _that_fits(scene, nats_of, camera, sky):
             continue
         share = (left - 1) / max(all_left - 1, 1e-9)
         if left <= just + RISE or likelier.air and share < AIR_LEAVES:
-            return likelier, left, unfit, noise
+            return _Fit(likelier, left, tuple(unfit), noise)
         if not likelier.air or share < AIR_MAY_LEAVE:
             unfit.append(likelier)
-    return RIGHT, all_left, unfit, noise
+    return _Fit(RIGHT, all_left, tuple(unfit), noise)
 
 
 def _suspected_k(scene, nats_of, found, suspected, noise):
