@@ -9,7 +9,7 @@ from .cube.heat_cube import check_wavelength, numbers
 from .errors import Implausible, InputError
 from .machinery.read_only import ReadOnly
 from .planck import brightness_temperature, planck, planck_derivative
-from .prior import lighting_scale, scene_temperatures
+from .prior import Pixels, lighting_scale
 
 MOST_OBJECTS = 10
 FAR_K = 100.0  # from the cube: in other units
@@ -133,7 +133,7 @@ class Environment(ReadOnly):
         self.check_bands(cube.wavelength_um)
         objects_k = brightness_temperature(self.wavelength_um, self.radiance)
         coldest, warmest = objects_k.mean(axis=1).min(), objects_k.max()
-        scene_k = scene_temperatures(cube)
+        scene_k = Pixels.of(cube).brightness_k.mean(axis=1)
         half, hottest = np.median(scene_k), scene_k.max()
         if coldest > hottest + FAR_K:
             raise InputError(

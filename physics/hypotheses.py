@@ -84,9 +84,10 @@ class Blocks(NamedTuple):
     covariance: np.ndarray
 
 
-COMPARED = 3  # hypotheses that a model looks at more closely, and needs at least
+COMPARED = 3  # hypotheses of a pixel that a model looks at more closely, and has at least
 COMMON = "centre", "basis"  # to all hypotheses
 INTERNAL = "error", "precision"  # what only this file takes
+ONE_BY_ONE = {*Hypotheses._fields, *Blocks._fields} - {*COMMON, *INTERNAL}  # of each hypothesis
 
 
 def set_up(known):
@@ -104,23 +105,29 @@ def set_up(known):
     except np.linalg.LinAlgError as e:
         raise InputError("known: sigma is too small beside the spectra; check its unit.") from e
     scene = known | h._asdict() | b._asdict()
-    return {name: a for name, a in scene.items() if name not in INTERNAL}
+    return _enough({name: a for name, a in scene.items() if name not in INTERNAL})
 
 
 def of_materials(scene, held):
     """A scene as from `set_up`, of the materials that are held, a mask of all."""
     part = only(scene, held)
-    mixed = held & may_mix(part)
-    rows = np.concatenate([held, mixed])[: len(scene["offset"])]
-    one_by_one = {*Hypotheses._fields, *Blocks._fields} - {*COMMON, *INTERNAL}
-    return part | {name: scene[name][rows] for name in one_by_one}
+    rows = np.concatenate([held, held & may_mix(part)])[: len(scene["offset"])]
+    return _enough(part | {name: scene[name][rows] for name in ONE_BY_ONE})
 
 
 def may_mix(known):
-    """Whether pixels may be partly sky: where it is in view and among the materials, or where these
-    alone would be too few hypotheses."""
-    sky = known["sky_mean"].max() > 0 and known["is_sky"].max() > 0
-    return bool(sky) or len(known["is_sky"]) < COMPARED
+    """Whether pixels may be partly sky: where it is in view, and among the materials."""
+    return bool(known["sky_mean"].max() > 0 and known["is_sky"].max() > 0)
+
+
+def _enough(scene):
+    """A scene with COMPARED hypotheses at least: if there are fewer, all again, as what cannot
+    be."""
+    if len(scene["offset"]) >= COMPARED:
+        return scene
+    twice = {name: np.concatenate([scene[name]] * 2) for name in ONE_BY_ONE}
+    never = np.repeat(np.float32([0, NEVER]), len(scene["offset"]))
+    return scene | twice | {"offset": twice["offset"] - never}
 
 
 def part_of(scene, kind):
@@ -166,8 +173,7 @@ def hypotheses_of(known) -> Hypotheses:
     of_d, of_x = rows[:, :-r], rows[:, -r:]
     gram = np.eye(len(basis)) + _t(of_d) @ of_d + (basis * error[:, None]) @ basis.T
     # S^-1 without the difference in S, which would cancel
-    free = _cholesky(gram)[1] @ _t(of_x)
-    precision = np.eye(r) + _t(free) @ free
+    precision = np.eye(r) + of_x @ np.linalg.solve(gram, _t(of_x))
     lower, inverse = _cholesky(gram + _t(of_x) @ of_x)
     of_d, of_x = of_d @ _t(inverse), of_x @ _t(inverse)  # (L^-1 U F')'
     centre = mean.mean(axis=0)

@@ -6,8 +6,8 @@ import numpy as np
 
 from .bands import quadrature
 from .errors import InputError
-from .planck import brightness_temperature, noise_sigma, planck
-from .prior import MIN_TEMPERATURE_SPREAD_K, scene_temperatures, usual_temperature
+from .planck import noise_sigma, planck
+from .prior import MIN_TEMPERATURE_SPREAD_K, Pixels, usual_temperature
 
 TERMS = 5  # of the series of Planck's law in `hypotheses`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
@@ -19,7 +19,6 @@ HOT_SIGMAS = 5.0
 # left to itself, since what the prior must span for it would blur all others
 FAR = 1.5
 MAX_T = 6.0  # prior deviations that an answer may lie from the mean
-SAMPLES = 6000  # pixels that the basis is made from
 LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
 
@@ -71,8 +70,8 @@ def known_arrays(cube, library, environment):
         )
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes)
-    t = scene_temperatures(cube)
-    mean = usual_temperature(cube, environment)
+    pixels = Pixels.of(cube)
+    t, mean = pixels.brightness_k.mean(axis=1), usual_temperature(cube, environment, pixels)
     off = np.abs(t - mean)
     far = FAR * np.quantile(off, 0.995, method="lower")
     near = off <= far
@@ -84,9 +83,8 @@ def known_arrays(cube, library, environment):
     sky_object = np.zeros(len(environment))
     sky_object[list(environment.sky)] = 1
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
-    s = cube.sample(SAMPLES)
-    s = s[np.abs(brightness_temperature(cube.wavelength_um, s).mean(axis=1) - mean) <= far]
-    basis = _basis(s / cube.sigma, cube, curves.mean(axis=-1), environment, mean, spread)
+    s = pixels.spectra[near] / cube.sigma
+    basis = _basis(s, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,

@@ -1,11 +1,13 @@
 """What is known of a scene's temperatures, lighting and mixed pixels before any is solved."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .planck import brightness_temperature
 
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
-SAMPLES, USUAL_SAMPLES = 20_000, 6000  # pixels to look at: for their spread, for the usual one
+SAMPLES = 20_000  # pixels to look at
 SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
 # where fewer than FEW of the pixels look unlike the sky, noise may hide the rest of the ground; if
 # those few are FAR_K warmer than all others, they are not what is usual
@@ -25,13 +27,21 @@ def lighting_scale(k):
     return (V_PRECISION * k) ** -0.5
 
 
-def scene_temperatures(cube):
-    """(n,) brightness temperatures in K of a regular subsample of a HeatCube's pixels."""
-    return brightness_temperature(cube.wavelength_um, cube.sample(SAMPLES)).mean(axis=1)
+class Pixels(NamedTuple):
+    """Spectra (n, bands) of a regular subsample of a HeatCube's pixels, and their brightness
+    temperatures (n, bands) in K."""
+
+    spectra: np.ndarray
+    brightness_k: np.ndarray
+
+    @staticmethod
+    def of(cube):
+        s = cube.sample(SAMPLES)
+        return Pixels(s, brightness_temperature(cube.wavelength_um, s))
 
 
-def usual_temperature(cube, environment):
-    """K: the median of what a HeatCube's pixels, but those of the Environment's sky, look like in
+def usual_temperature(cube, environment, pixels):
+    """K: the median of what a HeatCube's Pixels, but those of the Environment's sky, look like in
     the band in which they look warmest, the most opaque. It is that of most objects, whatever these
     are made of: a mirror too looks nearly as warm as they where the sky is opaque. Nor is it less
     than the sky's own there, which is about the air's: mirrors of the clear sky overhead look
@@ -39,11 +49,10 @@ def usual_temperature(cube, environment):
     they are the colder half of the pixels, as their bands tell (of three and more), it is not far
     below the warmest tenth.
     """
-    s = cube.sample(USUAL_SAMPLES)
-    t = brightness_temperature(cube.wavelength_um, s)
+    t = pixels.brightness_k
     if environment.sky_mean is None:
         return _usual(t)
-    off = (s - environment.sky_mean) / cube.sigma
+    off = (pixels.spectra - environment.sky_mean) / cube.sigma
     u = environment.sky_spread / cube.sigma
     chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
     ground = chi2 > SKY_CHI2 * cube.bands

@@ -457,7 +457,8 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
     w = np.linspace(8, 14, 12)
     s = planck(w, 290.0)[:, None, None] * np.ones((1, *shape))
     cube = HeatCube(s, w, None, 0.05)
-    environment = Environment(planck(w, np.array([[280.0]])), w, sky=(0,) if sky else ())
+    above = planck(w, np.array([[280.0]]))
+    environment = Environment(above, w, sky_mean=above[0] if sky else None)
 
     def look(surroundings, part, seen):
         assert (surroundings.radiance > 0).all()

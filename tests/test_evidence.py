@@ -518,17 +518,24 @@ def test_permuting_the_library_permutes_the_evidence_whatever_the_basis(bands):
         same(evidence(hypotheses(known._replace(basis=basis)), s), ours, h)
 
 
-def test_some_of_the_materials_say_what_they_say_among_all():
-    """A scene is set up once; in a part of it those are taken that are looked for there."""
+@pytest.mark.parametrize(
+    ("ground", "sky", "hypotheses_held"), [(3, True, 8), (3, False, 3), (2, False, 4)]
+)
+def test_some_of_the_materials_say_what_they_say_among_all(ground, sky, hypotheses_held):
+    """A scene is set up once; in a part of it those are taken that are looked for there, partly sky
+    where it is one of them. Of too few there are others that cannot be."""
     world = World(k=4, seed=5)
     known, s = arrays_of(world.known()), world.pixels(world.known())
-    held = np.array([True, True, False, True, False, True])
+    held = known["is_sky"] > 0 if sky else np.zeros(6, bool)
+    held[np.flatnonzero(known["is_sky"] == 0)[[0, 2, 3][:ground]]] = True
     some, alone = of_materials(set_up(known), held), set_up(only(known, held))
-    assert some.keys() == alone.keys()
+    assert some.keys() == alone.keys() and len(some["offset"]) == hypotheses_held
+    assert (some["offset"] < -1e14).sum() == (2 if ground == 2 else 0)
     for name in alone.keys() - {"centre", "to_w", "to_x", "deviation_0"}:  # which follow the centre
         np.testing.assert_allclose(some[name], alone[name], rtol=1e-6, err_msg=name)
     ours, theirs = (evidence(part_of(tensors(a), Hypotheses), s) for a in (some, alone))
-    same(ours, theirs, hypotheses(world.known()._replace(**tensors(only(known, held)))))
+    h = hypotheses(world.known()._replace(**tensors(only(known, held))))
+    same([a[: len(h.offset)] for a in ours], [a[: len(h.offset)] for a in theirs], h)
 
 
 def test_ranks_the_true_material_first_where_materials_are_well_apart():

@@ -60,8 +60,8 @@ from ..prior import (
     MIXED_SHARE,
     MIXED_SKY,
     V_PRECISION,
+    Pixels,
     lighting_scale,
-    scene_temperatures,
     usual_temperature,
 )
 from . import faces
@@ -212,11 +212,12 @@ class Temperatures(NamedTuple):
 
 
 def _temperatures(cube, environment):
-    t = scene_temperatures(cube)
+    pixels = Pixels.of(cube)
     # the darkest and the brightest that every band saw: no pixel lies beyond
     ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
     ends = brightness_temperature(cube.wavelength_um, ends.T).mean(axis=1)
-    return Temperatures.of(*ends, usual_temperature(cube, environment), float(t.std()))
+    usual = usual_temperature(cube, environment, pixels)
+    return Temperatures.of(*ends, usual, float(pixels.brightness_k.mean(axis=1).std()))
 
 
 class _Hypotheses(NamedTuple):
