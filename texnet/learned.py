@@ -39,8 +39,10 @@ def torch_model(network=None, *, steps=STEPS, device="cpu"):
     network = deepcopy(network).to(there)
     models = {refined: TeXModel(network, steps if refined else 0) for refined in (True, False)}
     streams = SimpleQueue()
-    for _ in range(ON_GPU if gpu else 0):
-        streams.put(torch.cuda.Stream(there))
+    if gpu:
+        torch.linalg.inv(torch.eye(2, device=there))  # loads what two threads at once may not
+        for _ in range(ON_GPU):
+            streams.put(torch.cuda.Stream(there))
 
     def answer(model, *inputs):
         scene, tile, log_expected, inner = inputs
