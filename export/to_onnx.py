@@ -49,7 +49,7 @@ INPUTS = {
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
     # of every hypothesis: all materials, each filling a pixel; then, where there is sky, all of
-    # them sharing it with that
+    # them sharing it with that (of too few, again as what cannot be, with an offset of -1e15)
     "sky_share": (("hypotheses",), "0..1, of the sky in the pixel, of materials pure, then mixed"),
     "alpha_step": (("hypotheses", "bands"), f"{SPECTRUM}, a standard deviation of the sky's share"),
     "centre": (("bands",), "of spectra s in noise units: components are z = basis (s - centre)"),

@@ -102,7 +102,8 @@ def completed(environment, cube, library, seed=0):
     objects, if all that was measured is sky (`objects_completed`); and the sky's own pixels, their
     mean and how they scatter, if it does not say how, and there are any."""
     k, alone = objects_completed(environment), len(environment.sky) == len(environment)
-    if not environment.sky or not alone and len(environment.sky_spread):
+    seen = environment.sky_mean is not None and len(environment.sky_spread)
+    if not environment.sky or not alone and seen:
         return environment
     sample, own = Sample(cube, library, seed), {}
     if alone:
@@ -110,7 +111,7 @@ def completed(environment, cube, library, seed=0):
         spread = np.concatenate([environment.spread, found.spread])
         error_k = max(environment.error_k, found.error_k)
         own = dict(radiance=found.radiance, spread=spread, error_k=error_k)
-    if not len(environment.sky_spread):
+    if not seen:
         own |= sample.of_sky()
     return replace(environment, **own)
 
@@ -164,7 +165,8 @@ class Sample:
         were measured. Raises InputError for a wrong k, or more objects than pixels."""
         if not isinstance(k, (int, np.integer)) or k < 1:
             raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
-        if k > (pixels := self.cube.measured_count):
+        pixels = self.cube.measured_count + self.hot.shape[1]
+        if skies is None and k > pixels:
             raise InputError(
                 f"environment: k = {k} objects need at least {k} pixels, got {pixels}."
             )
@@ -185,7 +187,6 @@ class Sample:
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
         fit = _clusters(ground, k - len(skies), 3, self.seed)
         spread = _principal(ground - fit.cluster_centers_[fit.labels_]) * cube.sigma
-        pixels = cube.measured_count + self.hot.shape[1]
         spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,

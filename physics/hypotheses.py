@@ -42,8 +42,8 @@ NEVER = 1e15  # nats; misfits reach 1e12
 
 
 class Hypotheses(NamedTuple):
-    """R hypotheses (all materials pure, then, where they `may_mix`, all mixed with sky), q rows of
-    F of which the last r = k + n are x; float32 arrays or tensors.
+    """R hypotheses (all materials pure, then, where they `may_mix`, all mixed with sky; of a scene,
+    see `_enough`), q rows of F of which the last r = k + n are x; float32 arrays or tensors.
 
     sky_share (R,) alpha; alpha_step (R, bands) what one standard deviation of alpha changes,
     W m-2 sr-1 um-1; centre (bands,) and basis (d, bands), that of `known`: z = basis (s - centre);
@@ -145,7 +145,7 @@ def hypotheses_of(known) -> Hypotheses:
     share_sigma = np.stack([0 * sky, sky * MIXED_SKY[1] + (1 - sky) * MIXED_MATERIAL[1]])
     prior = np.stack([
         np.log(1 - MIXED_SHARE * in_view) - NEVER * sky * (1 - in_view),
-        np.log(MIXED_SHARE) - NEVER * (1 - in_view) + 0 * sky,
+        np.log(MIXED_SHARE) + 0 * sky,
     ])  # fmt: skip
     sky_share, share_sigma, prior = (a[:kinds].ravel() for a in (sky_share, share_sigma, prior))
     # what glows before the sky is as good as black

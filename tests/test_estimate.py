@@ -9,7 +9,7 @@ from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
-from physics.estimate import Sample, estimate_environment
+from physics.estimate import Sample, completed, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck
@@ -331,6 +331,18 @@ def test_more_objects_than_pixels():
     assert len(estimate_environment(crop, without_sky(), 6)) == 6
     with pytest.raises(InputError, match="k = 7 .* 7 pixels"):
         estimate_environment(crop, LIBRARY, 7)
+    s = crop.radiance.copy()
+    s[:, 0, 0] = planck(crop.wavelength_um, 900.0)  # a fire is a pixel, too
+    assert 2 <= len(estimate_environment(replace(crop, radiance=s), without_sky(), 6)) <= 6
+
+
+def test_a_sky_that_was_measured_suits_a_single_pixel():
+    cube, _ = traced("forest")
+    one = HeatCube(cube.radiance[:, -1:, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
+    sky = estimate_environment(cube, LIBRARY).radiance[:1]
+    e = completed(Environment(sky, cube.wavelength_um, sky=(0,)), one, LIBRARY)
+    np.testing.assert_array_equal(e.radiance[0], sky[0])
+    assert len(e) == 2 and e.sky == (0,) and e.sky_mean is None
 
 
 # --- distillation -----------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
@@ -52,18 +53,22 @@ def runtime():
     return Runtime(PATH, threads=2)
 
 
-def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0):
-    """radiance and known arrays of a cube by Eq. 1, with as many spreads as said."""
+def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0, sky=True):
+    """radiance and known arrays of a cube by Eq. 1, with as many spreads as said; the last material
+    is the sky, which a tenth of the other pixels are in part, if it is in view."""
     rng = np.random.default_rng(seed)
     pixels, library = shape[0] * shape[1], small_library(materials, seed)
+    if sky:
+        library = replace(library, names=(*library.names[:-1], "sky"))
     w = np.linspace(8.05, 13.95, bands) if bands > 1 else np.array([10.0])
     cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
     warm = [planck(w, t) for t in np.linspace(280, 310, k - 1)]
     sigma = noise_sigma(w, 0.05)
     rows = [rng.normal(0, 0.02, (d, bands)) for d in spreads]
+    above = 0.7 * cold + 0.3 * planck(w, 285.0)
     environment = Environment(
         np.stack([cold, *warm]), w, (0,), spread=rows[0], skylight_spread=rows[1],
-        sky_spread=rows[2], error_k=0.05,
+        sky_spread=rows[2], error_k=0.05, sky_mean=above if sky else None,
     )  # fmt: skip
     # patches, so that the neighbours have something to say
     across = rng.integers(0, materials, (-(-shape[0] // 5), -(-shape[1] // 5)))
@@ -72,6 +77,11 @@ def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0)
         rng.uniform(278, 308, pixels), library.at(w)[material],
         rng.dirichlet(np.ones(k), pixels), environment.radiance, w,
     )  # fmt: skip
+    if sky:
+        share = np.where(
+            material == materials - 1, 1.0, rng.choice([0.0, 0.25], pixels, p=[0.9, 0.1])
+        )
+        s = s + share[:, None] * (above - s)
     s = s + rng.normal(size=s.shape) * sigma
     cube = HeatCube(s.T.reshape(bands, *shape), w, netd_k=0.05)
     return cube.radiance, known_arrays(cube, library, environment)
@@ -116,12 +126,14 @@ CONFIGURATIONS = [
         bands=int(RANDOM.integers(4, 101)), k=int(RANDOM.integers(2, 9)),
         materials=int(RANDOM.integers(4, 31)),
         shape=tuple(RANDOM.integers(12, 40, 2).tolist()),
-        spreads=tuple(RANDOM.integers(0, 6, 3).tolist()), seed=seed,
+        spreads=tuple(RANDOM.integers(0, 6, 3).tolist()), seed=seed, sky=seed % 3 > 0,
     )
     for seed in range(6)
 ]  # fmt: skip
 EDGES = [
     dict(bands=4, k=2, materials=2, spreads=(0, 0, 0)),
+    dict(bands=4, k=2, materials=2, spreads=(0, 0, 0), sky=False),
+    dict(k=4, materials=3, sky=False),
     dict(bands=100, k=10, materials=30, spreads=(6, 6, 6), shape=(9, 11)),
     dict(k=1, spreads=(0, 2, 0)),
     dict(bands=30, k=13),

@@ -163,9 +163,8 @@ def test_threads_change_nothing(make_pixels, pixels):
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=1e-6)
 
 
-def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
-    """Of sky pixels too: T of what may stand before the sky is asked for."""
-    p = make_pixels(k=3, shape=(9, 11), seed=4)
+def under_a_sky(p):
+    """ReducedModel and spectra of Pixels of which four rows are sky, the last of the materials."""
     w, sky = p.wavelength, p.environment.radiance[0]
     environment = Environment(
         p.environment.radiance, w, sky=(0,), sky_mean=sky, sky_spread=0.01 * sky[None]
@@ -178,9 +177,14 @@ def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
     noise = np.random.default_rng(0).normal(size=s[:, :4].shape) * p.cube.sigma[:, None, None]
     s[:, :4] = sky[:, None, None] + noise
     model = reduce_model(HeatCube(s, w, netd_k=p.cube.netd_k), library, environment)
-    spectra = s.reshape(len(s), -1).T
+    return model, s.reshape(len(s), -1).T
+
+
+def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
+    """Of sky pixels too: T of what may stand before the sky is asked for."""
+    model, spectra = under_a_sky(make_pixels(k=3, shape=(9, 11), seed=4))
     every, few = (solve_local(model, spectra, hopeless=h) for h in (1e9, 1.0))
-    is_sky = every.energy.argmin(axis=1) == library.sky_index
+    is_sky = every.energy.argmin(axis=1) == model.library.sky_index
     assert 0 < is_sky.sum() < len(is_sky)
     i, best = np.arange(99), every.energy[:, :-1].argmin(axis=1)
     beyond = every.energy[i, best] > every.energy.min(axis=1) + 1.0
@@ -188,6 +192,20 @@ def test_the_best_that_is_not_sky_is_exact_however_hopeless(make_pixels):
     np.testing.assert_array_equal(few.energy[:, :-1].argmin(axis=1), best)
     np.testing.assert_allclose(few.energy[i, best], every.energy[i, best], rtol=1e-6, atol=1e-3)
     np.testing.assert_allclose(few.temperature_k[i, best], every.temperature_k[i, best], atol=1e-2)
+
+
+def test_no_pixel_is_partly_sky_where_sky_is_not_among_them(make_pixels):
+    model, spectra = under_a_sky(make_pixels(k=3, shape=(9, 11), seed=4))
+    among = np.arange(len(model.library)) % 2 == 0
+    assert among[model.library.sky_index]
+    some = solve_local(model, spectra, hopeless=1e9, among=among)
+    assert (model.sky_share[some.row[:, among]] > 0).any()
+    among[model.library.sky_index] = False
+    none = solve_local(model, spectra, hopeless=1e9, among=among)
+    assert (model.sky_share[none.row[:, among]] == 0).all()
+    pure = among & (model.sky_share[some.row] == 0)
+    np.testing.assert_allclose(none.energy[pure], some.energy[pure], rtol=1e-6)
+    assert (none.energy[:, among] > some.energy[:, among] - 1e-3).all()
 
 
 def test_among_some_materials_each_has_the_energy_that_it_has_among_all(make_pixels):

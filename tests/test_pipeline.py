@@ -165,7 +165,8 @@ def test_a_given_environment_is_used_as_it_is(monkeypatch):
     def never(*args, **kwargs):
         raise AssertionError("estimated an environment though one was given")
 
-    monkeypatch.setattr(texnet.circumstances, "estimate_environment", never)
+    for name in ("estimate_environment", "Sample"):
+        monkeypatch.setattr(texnet.circumstances, name, never)
     d = decompose(cube, LIBRARY, environment=given, k=7)
     np.testing.assert_array_equal(d.environment, given.radiance)
     assert d.sky == (0,) and len(d.thermal_lighting) == 3

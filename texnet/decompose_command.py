@@ -103,7 +103,7 @@ def decompose(args):
         result["environment"] = {
             "file": args.environment, "objects": objects, "error_k": d.environment_error_k,
         }  # fmt: skip
-        result |= {"k_chosen": False, "sky_in_view": None}  # neither was looked for
+        result |= {"k_chosen": False, "sky_in_view": None}  # not what it was taken from
     if budget is not None:
         result["budget"] = {
             "seconds_per_megapixel": budget, "foreseen_seconds_per_megapixel": foreseen,

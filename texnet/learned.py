@@ -39,10 +39,8 @@ def torch_model(network=None, *, steps=STEPS, device="cpu"):
     network = deepcopy(network).to(there)
     models = {refined: TeXModel(network, steps if refined else 0) for refined in (True, False)}
     streams = SimpleQueue()
-    if gpu:
-        torch.linalg.inv(torch.eye(2, device=there))  # loads what two threads at once may not
-        for _ in range(ON_GPU):
-            streams.put(torch.cuda.Stream(there))
+    for _ in range(ON_GPU if gpu else 0):
+        streams.put(torch.cuda.Stream(there))
 
     def answer(model, *inputs):
         scene, tile, log_expected, inner = inputs
@@ -107,7 +105,8 @@ def check_device(device):
     if not torch.cuda.is_available():
         raise InputError("device: torch finds no CUDA GPU here; take --device cpu.")
     try:
-        torch.zeros(8, device="cuda").sum().item()
+        # linear algebra, too, which two threads at once may not load
+        torch.linalg.inv(torch.eye(2, device="cuda")).sum().item()
     except (RuntimeError, AssertionError) as e:  # too old, or full
         why = str(e).splitlines()[0]
         raise InputError(f"device: torch cannot use the GPU ({why}); take --device cpu.") from e

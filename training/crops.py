@@ -8,9 +8,10 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from physics.estimate import estimate_environment
+from physics import estimate
 from physics.evidence import tensors
 from physics.known import Known, known_arrays
+from physics.machinery.blas import no_blas_threads
 
 from .samples import OBJECTS, Sample, features
 
@@ -31,10 +32,12 @@ class Crops(Dataset):
         self.stream = 2  # of random numbers
         for cube, assume in zip(cubes, assume_sky, strict=True):
             most = min(OBJECTS[1], cube.measured_count)
-            known = []
-            for k in range(OBJECTS[0], most + 1):
-                environment = estimate_environment(cube, library, k, assume_sky=assume)
-                known.append(known_arrays(cube, library, environment))
+            with no_blas_threads():
+                sample = estimate.Sample(cube, library)
+                known = [
+                    known_arrays(cube, library, sample.environment(k, assume))
+                    for k in range(OBJECTS[0], most + 1)
+                ]
             # one tensor a cube: worker processes share each by an open file
             radiance = torch.from_numpy(cube.radiance.copy())
             self.cubes.append((radiance, cube.dead.copy(), known))

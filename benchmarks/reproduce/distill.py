@@ -61,15 +61,15 @@ def steps(cube, truth, answer, library):
         "X~": (of(sky) + of(own), x),
         "ground": (of(own), x - truth.sky_texture),
         "sky": (of(sky), truth.sky_texture),
-        "delta": tuple(d.reshape(cube.shape) for d in _residuals(cube, truth, answer, library)),
+        "delta": tuple(d.reshape(cube.shape) for d in _residuals(cube, truth, answer)),
         "fused": (answer.sky_texture, truth.sky_texture),
     }
 
 
-def _residuals(cube, truth, answer, library):
+def _residuals(cube, truth, answer):
     """(2, pixels) delta of the answer, and of the truth with V fitted to its X."""
     sigma = noise_sigma(cube.wavelength_um, answer.netd_k)
-    curves = library.at(cube.wavelength_um)
+    curves = answer.emissivity
     by_pixel = lambda a: a.reshape(*a.shape[: a.ndim - 2], -1).T
     t, v = by_pixel(answer.temperature_k), by_pixel(answer.thermal_lighting)
     true_t, true_e, true_x = map(by_pixel, (truth.temperature_k, truth.emissivity, truth.texture))

@@ -74,7 +74,7 @@ def solve_local(
     progress, if given, is called as progress(done, total); hopeless is in nats, see LocalSolution:
     less is faster, and enough where nothing but the evidence decides; threads are as many as
     numba's if None; among (L,) bool are the materials that may be there, one of them not sky, all
-    if None: the energy of the others is +inf.
+    if None: the energy of the others is +inf, and without sky among them no pixel is partly sky.
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
