@@ -458,7 +458,7 @@ def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
     s = planck(w, 290.0)[:, None, None] * np.ones((1, *shape))
     cube = HeatCube(s, w, None, 0.05)
     above = planck(w, np.array([[280.0]]))
-    environment = Environment(above, w, sky_mean=above[0] if sky else None)
+    environment = Environment(above, w, (0,), sky_mean=above[0]) if sky else Environment(above, w)
 
     def look(surroundings, part, seen):
         assert (surroundings.radiance > 0).all()

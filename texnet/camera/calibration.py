@@ -93,7 +93,7 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
     part = _sample(cube, left_out)
     if part is None:
         return RIGHT
-    sky = environment.sky_mean is not None and len(environment) >= LEAST_OBJECTS
+    sky = bool(environment.sky) and environment.sky_mean is not None
     scene = _Scene(part, environment, library, looks)
     nats_of = scene.nats_of()
     kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
