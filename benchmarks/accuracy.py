@@ -26,7 +26,6 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX, confusion
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
@@ -34,6 +33,7 @@ from physics.simulator.presets import preset
 from texnet.methods import METHODS
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 from training.scenes import BASE_SEED
 
 BANDS = (4, 9, 18, 54, 100)

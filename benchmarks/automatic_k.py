@@ -16,11 +16,11 @@ import numpy as np
 from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, RANDOM_SCENES, test_scenes
 from benchmarks.rows import write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, "auto")
 SHOWN = (

@@ -47,7 +47,6 @@ from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -60,6 +59,7 @@ from texnet.learned import torch_model
 from texnet.methods import METHODS
 from texnet.metrics import correlation, evaluate, non_sky
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 
 BANDS = (4, 18, 54)
 RANDOM_SCENES, PRESETS = 5, ("forest",)
@@ -103,7 +103,7 @@ def by_separation(method):
     def run(scene):
         spectra, truth = scene.cube.spectra.astype(float), scene.truth
         t, e = method.separate(spectra, scene.law, scene.sky)
-        solid = np.flatnonzero(np.arange(len(scene.library)) != scene.library.sky_index)
+        solid = np.flatnonzero(~scene.library.is_sky)
         named = solid[nearest(e, scene.curves[solid])]
         x, mean = light(spectra, t, scene.curves[named], scene.law)
         ground = non_sky(truth)

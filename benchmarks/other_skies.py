@@ -22,11 +22,11 @@ from threadpoolctl import threadpool_limits
 from benchmarks import ONNX
 from benchmarks.accuracy import ERRORS, NETD_K, RANDOM_SCENES, THREADS, measure, test_scenes
 from benchmarks.rows import write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.planck import planck
 from physics.sky import air_mass
+from texnet.runtime import Runtime
 
 SKIES = Path(__file__).parent / "data" / "lowtran7_skies.csv"
 BANDS, METHODS = (4, 9, 54), ("local", "net+sgd")

@@ -20,13 +20,13 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, SIZE, SPP, K
 from benchmarks.rows import write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from texnet.metrics import non_sky
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 
 SEED = 6_000_000  # of no split; some were used for tuning
 ONE, TWO = 0.6827, 0.9545  # of a Gaussian's errors within one sigma and two

@@ -48,7 +48,6 @@ from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, THREADS
 from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
 from physics.estimate import estimate_environment
@@ -63,6 +62,7 @@ from physics.simulator.traced import trace_on_demand
 from texnet.learned import torch_model
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 
 FRAME, BANDS, K = (1080, 1920), 54, 4
 OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V

@@ -43,7 +43,6 @@ from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import made_otherwise, read_csv, settings, write_csv
-from export.runtime import Runtime
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
@@ -59,6 +58,7 @@ from physics.sky import level_transmittance
 from texnet.circumstances import circumstances
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import answered, method_of
+from texnet.runtime import Runtime
 from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS = (72, 96), 64, 54
@@ -122,7 +122,7 @@ def shaded(view, library, bands=BANDS, netd_k=NETD_K):
 def with_curves(library, change):
     """The library with change(e (materials, n)) -> e for all but the sky."""
     e = library.emissivity.copy()
-    ground = np.arange(len(library)) != library.sky_index
+    ground = ~library.is_sky
     e[ground] = np.clip(change(e[ground]), 1e-3, 1)
     return replace(library, emissivity=e)
 

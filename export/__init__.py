@@ -1,9 +1,9 @@
 """One ONNX file instead of a Python stack. The map:
 
 to_onnx  writes TeXModel with its weights into a file (needs torch)
-runtime  answers cubes from such a file (needs numpy and onnxruntime alone)
+Runtime  (`texnet.runtime`) answers cubes from such a file; needs numpy and onnxruntime alone
 """
 
-from .runtime import Runtime
+from texnet.runtime import Runtime
 
 __all__ = ["Runtime"]

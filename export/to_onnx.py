@@ -6,7 +6,7 @@ image, bands, library and environment. Where torch meets a size of 1, or two equ
 may take that for a law; so the sizes it sees here are all different and above 1, and no two
 sizes may have become one in the file.
 
-The file says what it is: see `about` of `export.runtime.Runtime`.
+The file says what it is: see `about` of `texnet.runtime.Runtime`.
 """
 
 import json
@@ -26,8 +26,7 @@ from physics.known import TERMS, Known
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import check_writable, whole_file
 from texnet.model import TeX, TeXModel
-
-from .runtime import FORMAT
+from texnet.runtime import FORMAT
 
 OPSET = 23
 SPECTRUM = "W m-2 sr-1 um-1"

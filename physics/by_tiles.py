@@ -1,5 +1,5 @@
 """A picture of any size by a model that answers tiles: in torch (`texnet.learned`) or in ONNX
-Runtime (`export.runtime`), to which this tells what is expected and what is looked for where."""
+Runtime (`texnet.runtime`), to which this tells what is expected and what is looked for where."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
 """What evidence and refinement take of every hypothesis, whatever the pixel: numpy, once a scene.
 
-A hypothesis is a material, pure or, where there is sky, partly sky. Let T and V of Eq. 1 have
+A hypothesis is one of `prior.Mixtures`: a material, pure or partly sky. Let T and V of Eq. 1 have
 Gaussian priors instead of bounds, and write B(T) as a series in Hermite polynomials of
 t = (T - T_0) / tau, whose coefficients are uncorrelated with unit variance when t is a standard
 normal number. The spectrum of a pixel of hypothesis h is then Gaussian too. In noise units,
@@ -34,7 +34,7 @@ from .errors import InputError
 from .expected import only
 from .known import COLDEST_PRIOR_K, TERMS
 from .planck import planck
-from .prior import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, lighting_scale
+from .prior import Mixtures, among, lighting_scale
 
 QUADRATURE = np.polynomial.hermite_e.hermegauss(16)
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
@@ -42,8 +42,8 @@ NEVER = 1e15  # nats; misfits reach 1e12
 
 
 class Hypotheses(NamedTuple):
-    """R hypotheses (all materials pure, then, where they `may_mix`, all mixed with sky; of a scene,
-    see `_enough`), q rows of F of which the last r = k + n are x; float32 arrays or tensors.
+    """R hypotheses (`prior.Mixtures`; of a scene, see `_enough`), q rows of F of which the last
+    r = k + n are x; float32 arrays or tensors.
 
     sky_share (R,) alpha; alpha_step (R, bands) what one standard deviation of alpha changes,
     W m-2 sr-1 um-1; centre (bands,) and basis (d, bands), that of `known`: z = basis (s - centre);
@@ -110,14 +110,9 @@ def set_up(known):
 
 def of_materials(scene, held):
     """A scene as from `set_up`, of the materials that are held, a mask of all."""
-    part = only(scene, held)
-    rows = np.concatenate([held, held & may_mix(part)])[: len(scene["offset"])]
-    return _enough(part | {name: scene[name][rows] for name in ONE_BY_ONE})
-
-
-def may_mix(known):
-    """Whether pixels may be partly sky: where it is in view, and among the materials."""
-    return bool(known["sky_mean"].max() > 0 and known["is_sky"].max() > 0)
+    material = np.arange(len(scene["offset"])) % len(held)
+    rows = among(material, scene["sky_share"], scene["is_sky"] > 0, held)
+    return _enough(only(scene, held) | {name: scene[name][rows] for name in ONE_BY_ONE})
 
 
 def _enough(scene):
@@ -139,21 +134,15 @@ def hypotheses_of(known) -> Hypotheses:
     """Set up all hypotheses of a scene, of which known_arrays (`known`) tell."""
     x = {name: np.asarray(a, np.float64) for name, a in known.items()}
     sky, sigma, k = x["is_sky"], x["sigma"], len(x["environment"])
-    in_view = float(x["sky_mean"].max() > 0)
-    kinds = 2 if may_mix(x) else 1  # of hypotheses: pure, mixed
-    sky_share = np.stack([sky, sky * MIXED_SKY[0] + (1 - sky) * MIXED_MATERIAL[0]])
-    share_sigma = np.stack([0 * sky, sky * MIXED_SKY[1] + (1 - sky) * MIXED_MATERIAL[1]])
-    prior = np.stack([
-        np.log(1 - MIXED_SHARE * in_view) - NEVER * sky * (1 - in_view),
-        np.log(MIXED_SHARE) + 0 * sky,
-    ])  # fmt: skip
-    sky_share, share_sigma, prior = (a[:kinds].ravel() for a in (sky_share, share_sigma, prior))
+    in_view = bool(x["sky_mean"].max() > 0)
+    material, sky_share, share_sigma, share = Mixtures.of(sky, in_view)
+    prior = np.log(share) - (0 if in_view else NEVER * sky)
     # what glows before the sky is as good as black
     e = x["emissivity"] + (1 - x["emissivity"]) * sky[:, None, None]
     series = planck_series(x["nodes_um"], x["prior_k"])  # (n + 1, bands, nodes)
-    glow = np.tile((e[:, None] * series).mean(axis=-1), (kinds, 1, 1)) / sigma  # (R, n + 1, bands)
+    glow = (e[:, None] * series).mean(axis=-1)[material] / sigma  # (R, n + 1, bands)
     glow = glow * (1 - sky_share)[:, None, None]
-    reflected = (1 - sky_share)[:, None] * (1 - np.tile(e.mean(axis=-1), (kinds, 1)))
+    reflected = (1 - sky_share)[:, None] * (1 - e.mean(axis=-1)[material])
     usual = x["environment"].mean(axis=0)
     black = series[0].mean(axis=-1)
     of_reflected = (reflected / sigma)[:, None]

@@ -77,16 +77,13 @@ def known_arrays(cube, library, environment):
     near = off <= far
     spread = max(MIN_TEMPERATURE_SPREAD_K, t[near].std(), off[near].max() / HOT_SIGMAS)
     spread = min(spread, (mean - COLDEST_PRIOR_K) / MAX_T)  # no answer is colder
-    is_sky = np.zeros(len(library))
-    if library.sky_index is not None:
-        is_sky[library.sky_index] = 1
     sky_object = np.zeros(len(environment))
     sky_object[list(environment.sky)] = 1
     sky_mean = environment.sky_mean if environment.sky_mean is not None else np.zeros(cube.bands)
     s = pixels.spectra[near] / cube.sigma
     basis = _basis(s, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
-        nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=is_sky,
+        nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=library.is_sky,
         environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,

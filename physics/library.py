@@ -116,6 +116,11 @@ class MaterialLibrary(ReadOnly):
         """Index of the sky among the materials, or None."""
         return self.names.index(SKY) if SKY in self.names else None
 
+    @property
+    def is_sky(self):
+        """(materials,) bool: the sky among the materials."""
+        return np.array(self.names) == SKY
+
     def index(self, name):
         """Index of a material by name; InputError lists the names if it is not there."""
         if name not in self.names:

@@ -27,6 +27,38 @@ def lighting_scale(k):
     return (V_PRECISION * k) ** -0.5
 
 
+class Mixtures(NamedTuple):
+    """What a pixel may be, R hypotheses, (R,) each: every material pure and, where sky is in view
+    and one of the materials, partly sky.
+
+    material is its index; sky_share the mean of the sky's share in the pixel, alpha, and
+    share_sigma its standard deviation; prior is the share of all pixels that are pure, or mixed.
+    """
+
+    material: np.ndarray
+    sky_share: np.ndarray
+    share_sigma: np.ndarray
+    prior: np.ndarray
+
+    @staticmethod
+    def of(is_sky, in_view):
+        """Those of materials of which is_sky (materials,) are the sky, in view or not; all pure
+        come first."""
+        sky = np.asarray(is_sky, bool)
+        kinds = [(1.0 * sky, 0.0, 1 - MIXED_SHARE * in_view)]
+        if in_view and sky.any():
+            kinds += [(*np.where(sky[:, None], MIXED_SKY, MIXED_MATERIAL).T, MIXED_SHARE)]
+        rows = [np.broadcast_arrays(np.arange(len(sky)), *kind) for kind in kinds]
+        return Mixtures(*map(np.concatenate, zip(*rows, strict=True)))
+
+
+def among(material, sky_share, is_sky, held):
+    """(R,) bool: which of the hypotheses are looked for where materials held (materials,) bool
+    are: none partly sky where the sky is not."""
+    partly = (sky_share > 0) & (sky_share < 1)
+    return held[material] & (~partly | (held & is_sky).any())
+
+
 class Pixels(NamedTuple):
     """Spectra (n, bands) of a regular subsample of a HeatCube's pixels, and their brightness
     temperatures (n, bands) in K."""

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks import lowtran7, speed, stability
-from export.runtime import Runtime
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from texnet.cli import main
 from texnet.methods import METHODS
+from texnet.runtime import Runtime
 
 LIBRARY = MaterialLibrary.starter()
 

@@ -12,7 +12,6 @@ from traced import names_of, one_thread, right, said, traced  # noqa: F401
 import texnet.circumstances
 import texnet.methods
 from benchmarks import ONNX
-from export.runtime import Runtime
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import Environment
 from physics.estimate import estimate_environment
@@ -24,6 +23,7 @@ from texnet.camera.one_error import GAIN, LEVELS, one_error, shift_kind
 from texnet.files.cube_io import write_cube
 from texnet.methods import Look
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 from texnet.uncertainty import shared_error_k
 
 LIBRARY = MaterialLibrary.starter()

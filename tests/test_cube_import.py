@@ -227,7 +227,36 @@ def test_pixels_that_hold_the_ignore_value_are_dead(tmp_path, in_parts):
     s[:] = S
     path = envi(tmp_path / "a", s, data_ignore_value=-9999)
     check_same(import_cube(path, "W/m2/sr/um")[0])
-    check_same(import_cube(envi(tmp_path / "a", s, data_ignore_value="NaN"), "W/m2/sr/um")[0])
+    for nothing in ("NaN", "-inf", "-1.#IND"):
+        path = envi(tmp_path / "a", s, data_ignore_value=nothing)
+        check_same(import_cube(path, "W/m2/sr/um")[0])
+
+
+@pytest.mark.parametrize("kind", [4, 5])
+@pytest.mark.parametrize("said", ["-3.4028235e+38", "-3.40282e+38", "-3.402823e38"])
+def test_the_ignore_value_may_be_said_in_fewer_digits(tmp_path, kind, said):
+    blank = np.zeros(S.shape[1:], bool)
+    blank[0, 1] = True
+    s = np.where(blank, np.finfo(np.float32).min, S)
+    path = envi(tmp_path / "a", s, kind=kind, data_ignore_value=said)
+    np.testing.assert_array_equal(import_cube(path, "W/m2/sr/um")[0].dead, blank)
+
+
+def test_a_list_may_begin_on_the_line_after_its_name(tmp_path):
+    path = envi(tmp_path / "a", S, bbl=np.array([1, 1, 0, 1, 1, 1]))
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("= {", "=\n; a comment\n  {"), encoding="utf-8")
+    check_same(import_cube(path, "W/m2/sr/um")[0], np.delete(S, 2, 0), np.delete(W, 2))
+
+
+def test_names_that_differ_in_case_alone_are_two_cubes(tmp_path):
+    envi(tmp_path / "scan", S)
+    envi(tmp_path / "SCAN", 1.1 * S, wavelength=1.01 * W)
+    if len(list(tmp_path.iterdir())) < 4:
+        pytest.skip("this disk takes them for one")
+    for suffix in (".hdr", ".dat"):
+        check_same(import_cube(tmp_path / f"scan{suffix}", "W/m2/sr/um")[0])
+        check_same(import_cube(tmp_path / f"SCAN{suffix}", "W/m2/sr/um")[0], 1.1 * S, 1.01 * W)
 
 
 def test_a_binary_without_its_header_is_refused(tmp_path):
@@ -495,6 +524,41 @@ def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both, go
     assert ("is a mask" in note) == bool(mask) and ("of these alone" in note) != both
 
 
+@pytest.mark.parametrize("width", ["fwhm_um", "fwhm"])
+@pytest.mark.parametrize("alone", [True, False])
+@pytest.mark.parametrize("suffix", [".mat", ".npz"])
+def test_widths_and_noise_beside_them_are_taken(tmp_path, suffix, alone, width):
+    good, widths = np.array([0, 1, 3, 5]), np.linspace(0.1, 0.3, 6)
+    of = good if alone else np.arange(6)
+    arrays = {
+        "radiance": 100 * np.tile(S, (1, 4, 4)), "wavelength_um": W[of], width: widths[of],
+        "netd_k": 0.03,
+        "good_bands": good,
+    }  # fmt: skip
+    if suffix == ".mat":
+        mat(tmp_path / "a.mat", **arrays)
+    else:
+        np.savez(tmp_path / "a.npz", **arrays)
+    cube, note = import_cube(tmp_path / f"a{suffix}", "microflick")
+    check_same(cube, np.tile(S, (1, 4, 4))[good], W[good])
+    np.testing.assert_allclose(cube.fwhm_um, widths[good][::-1])
+    assert cube.netd_k == 0.03 and "taken as narrow" not in note
+
+
+@pytest.mark.parametrize(
+    "arrays, sentence",
+    [
+        (dict(fwhm=[0.1] * 5), "fwhm in .* holds 5 widths for 6 bands"),
+        (dict(netd_k=[0.1] * 6), "netd_k in .* must be one number"),
+        (dict(netd_k=None), "netd_k in .* holds None or other objects; leave it out"),
+    ],
+)
+def test_wrong_widths_and_noise_beside_them(tmp_path, arrays, sentence):
+    np.savez(tmp_path / "a.npz", cube=S, wav=W, **arrays)
+    with pytest.raises(InputError, match=sentence):
+        import_cube(tmp_path / "a.npz", "W/m2/sr/um")
+
+
 def test_indices_that_reach_the_number_of_bands_count_from_1(tmp_path):
     np.savez(tmp_path / "a.npz", cube=S, wav=W, good_bands=[2, 4, 6])
     cube, note = import_cube(tmp_path / "a.npz", "W/m2/sr/um")
@@ -676,8 +740,16 @@ def test_a_part_of_a_heat_cube_keeps_its_widths_and_its_noise(tmp_path, suffix):
     np.testing.assert_allclose(cube.fwhm_um, whole.fwhm_um[there])
     assert cube.netd_k == 0.03 and "taken as narrow" not in note
     assert import_cube(tmp_path / f"a{suffix}", netd_k=0.1)[0].netd_k == 0.1
-    with pytest.raises(InputError, match="states its unit"):
-        import_cube(tmp_path / f"a{suffix}", "microflick")
+    if suffix == ".exr":
+        with pytest.raises(InputError, match="states its unit"):
+            import_cube(tmp_path / "a.exr", "microflick")
+    else:  # which says no unit: of what was written like it, the caller does
+        arrays = dict(np.load(tmp_path / "a.npz"))
+        np.savez(tmp_path / "a.npz", **arrays | {"radiance": 100 * arrays["radiance"]})
+        cube, _ = import_cube(tmp_path / "a.npz", "microflick")
+        np.testing.assert_allclose(cube.radiance, whole.radiance, rtol=1e-6)
+        np.testing.assert_array_equal(cube.fwhm_um, whole.fwhm_um)
+        assert cube.netd_k == 0.03
 
 
 def test_one_band_has_one_centre(tmp_path, capfd):

@@ -182,7 +182,7 @@ def test_tiles_do_not_show(runtime, monkeypatch, pixels, materials, shape):
     expected = expected_of(image, known)
     whole = runtime.run(image, known, expected=expected)
     per_pixel = bytes_per_pixel(known)
-    monkeypatch.setattr("export.runtime.TILE_BYTES", 2 * pixels * per_pixel)
+    monkeypatch.setattr("texnet.runtime.TILE_BYTES", 2 * pixels * per_pixel)
     done = []
     tiled = runtime.run(image, known, lambda n, of: done.append((n, of)), expected)
     assert len(done) > 1 and done == [(n + 1, len(done)) for n in range(len(done))]
@@ -213,7 +213,7 @@ def test_the_answer_needs_no_torch(runtime, tmp_path):
         "for name in ('torch', 'sklearn', 'numba', 'kornia', 'onnx', 'scipy', 'matplotlib'):\n"
         "    sys.modules[name] = None\n"
         "import numpy as np\n"
-        "from export.runtime import Runtime\n"
+        "from export import Runtime\n"
         "known = dict(np.load(sys.argv[2]))\n"
         "image = known.pop('image')\n"
         "np.savez(sys.argv[3], **Runtime(sys.argv[1], threads=2).run(image, known))\n"

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from traced import one_thread, traced  # noqa: F401
 
 from benchmarks import ONNX
-from export.runtime import Runtime
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.estimate import estimate_environment
 from physics.expected import Expected, Regions, only
@@ -17,6 +16,7 @@ from physics.known import known_arrays
 from texnet import glance
 from texnet.learned import torch_model
 from texnet.pipeline import decompose
+from texnet.runtime import Runtime
 from texnet.solver import solve_each
 
 SHAPE = (160, 240)

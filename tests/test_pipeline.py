@@ -11,7 +11,6 @@ from traced import averaged, names_of, one_thread, traced  # noqa: F401
 import texnet.circumstances
 import texnet.solver
 from benchmarks import ONNX
-from export.runtime import Runtime
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import quadrature
 from physics.cube.heat_cube import LEAST_NETD_K
@@ -24,6 +23,7 @@ from texnet.methods import METHODS
 from texnet.metrics import texture_scores
 from texnet.pipeline import decompose
 from texnet.progress import COMPILING, compiling
+from texnet.runtime import Runtime
 
 LIBRARY = MaterialLibrary.starter()
 SMALL = dict(size=(20, 30), spp=8)

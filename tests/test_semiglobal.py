@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from traced import one_thread  # noqa: F401
 
-import physics.exact.reduced as reduced
 import physics.exact.semiglobal as semiglobal
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.eq1 import render
@@ -20,7 +19,7 @@ from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
 from physics.exact.semiglobal import Objective, State, smoothed, unsmoothed
 from physics.planck import noise_sigma, planck, planck_derivative
-from physics.prior import V_PRECISION
+from physics.prior import MIXED_MATERIAL, MIXED_SHARE, MIXED_SKY, V_PRECISION
 
 
 def smooth_map(rng, shape, scale):
@@ -232,11 +231,11 @@ def slow_unaries(scene, objective, state):
     def hypothesis(p):
         m, alpha = state.material[p], model.sky_share[state.row[p]]
         e = np.ones(w.size) if m == library.sky_index else library.at(w)[m]
-        for share, share_sigma in (reduced.MIXED_MATERIAL, reduced.MIXED_SKY):
+        for share, share_sigma in (MIXED_MATERIAL, MIXED_SKY):
             if alpha == share:
-                return e, alpha, share_sigma, reduced.MIXED_SHARE
+                return e, alpha, share_sigma, MIXED_SHARE
         assert alpha == (m == library.sky_index)
-        return e, alpha, 0.0, 1 - reduced.MIXED_SHARE if has_sky else 1.0
+        return e, alpha, 0.0, 1 - MIXED_SHARE if has_sky else 1.0
 
     def covariance(e, alpha, share_sigma):
         reflected = (1 - alpha) * (1 - e)

@@ -20,7 +20,8 @@ network     TeXNet
 chunks      what pixels do by themselves, some thousand at a time
 budget      the most accurate method that fits a time budget
 uncertainty  what adds to sigma, and when an answer should not be trusted
-learned     the model in torch, with the shipped weights or others
+runtime     the model in ONNX Runtime, tile by tile
+learned     the same in torch, with the shipped weights or others
 files       a package: cubes, libraries, environments, filters and weights on disk
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture

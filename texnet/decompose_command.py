@@ -14,7 +14,7 @@ from physics.library import SKY
 from .commands import chosen_library
 from .files.cube_io import read_cube, truth_path
 from .loading import loading
-from .methods import NETS, ONNX
+from .methods import NETS
 from .metrics import evaluate, names_lacking, non_sky
 
 # in texnet/data, its truth beside it; `texnet simulate forest --seed 1 --size 160x240 --bands 36
@@ -184,12 +184,9 @@ def _runner(method, model, device):
 
         return torch_model(device=device)
     with loading():
-        from export.runtime import Runtime
+        from .runtime import Runtime, shipped_runtime
 
-    if model is not None:
-        return Runtime(model).run
-    with as_file(files("texnet") / "data" / ONNX) as path:
-        return Runtime(path).run
+    return (shipped_runtime() if model is None else Runtime(model)).run
 
 
 def _of_pixels(saturated, dead, hot):

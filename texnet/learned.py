@@ -1,4 +1,4 @@
-"""The model in torch, tile by tile, as `pipeline` calls it: the twin of export's runtime."""
+"""The model in torch, tile by tile, as `pipeline` calls it: the twin of `runtime`."""
 
 from contextlib import contextmanager
 from copy import deepcopy

@@ -170,9 +170,9 @@ def decompose(
                  temperature_sigma_k holds it if stated
     model        run(radiance, known, progress, expected, regions) -> maps by net+sgd, such as
                  export.Runtime(FILE).run; net needs one that takes refined=False, too, as
-                 learned.torch_model(network) does; the shipped weights in torch if None. Called
-                 in several threads at a time only if it is the method of an object that has, as
-                 that Runtime, an attribute at_once: in so many
+                 learned.torch_model(network) does; the shipped network if None, in ONNX Runtime
+                 or, for net, in torch. Called in several threads at a time only if it is the
+                 method of an object that has, as that Runtime, an attribute at_once: in so many
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
@@ -197,10 +197,14 @@ def method_of(method, library, model=None, progress=None):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
     if method in NETS:
-        if model is None:
+        if model is None and method == "net":
             from .learned import torch_model  # torch takes a second to load
 
             model = torch_model()
+        elif model is None:
+            from .runtime import shipped_runtime
+
+            model = shipped_runtime().run
         return by_network(library, model, method == "net+sgd", report("network"))
     return by_solver(library, method == "sgd", report)
 

@@ -125,9 +125,7 @@ def with_level_error(sigma, maps, library, cube):
     """sigma (height, width) K of a map of T, of maps by name, where a material's whole curve may be
     off by the MaterialLibrary's level_sigma: by Eq. 7 that moves T by -de (B - X) / (e B'), though
     by no more than is known of a scene's T beforehand. Of sky it moves none."""
-    level = library.level_sigma.copy()
-    if library.sky_index is not None:
-        level[library.sky_index] = 0.0
+    level = np.where(library.is_sky, 0.0, library.level_sigma)
     if not level.any():
         return sigma
     curves = library.of_bands(cube.wavelength_um, cube.fwhm_um)

@@ -55,8 +55,8 @@ class ReshadedSet(SceneSet):
                 "more of 8-14 um."
             )
         self.wavelength_um, self.fwhm_um = w[inside], width[inside]
-        solid = np.arange(len(self.library)) != self.library.sky_index
-        most_reflected = 1 - self.library.at(self.wavelength_um)[solid].min()
+        solids = self.library.at(self.wavelength_um)[~self.library.is_sky]
+        most_reflected = 1 - solids.min()
         tame = [e for e in TRACED_WITH if most_reflected**2 < 1 - e]
         self.traced_with = tame[0] if tame else TRACED_WITH[-1]
         # the same hash: the same scenes

@@ -20,7 +20,7 @@ def vary(library, rng):
     mean, tilted, given a few smooth bumps, and clipped to 0.02..0.995. The sky's curve is
     the transmittance of air and stays.
     """
-    w, solid = library.wavelength_um, np.arange(len(library)) != library.sky_index
+    w, solid = library.wavelength_um, ~library.is_sky
     emissivity = library.emissivity.copy()
     for m in np.flatnonzero(solid):
         emissivity[m] = _another(m, library.emissivity, w, solid, rng)

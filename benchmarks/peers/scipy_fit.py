@@ -12,7 +12,7 @@ SUM_WEIGHT = 1e4  # of V's sum being 1, which scipy's bounds cannot say
 
 def pure_hypotheses(model):
     """The rows of a ReducedModel that are materials as such, neither sky nor partly sky."""
-    return np.flatnonzero((model.sky_share == 0) & (model.material != model.library.sky_index))
+    return np.flatnonzero((model.sky_share == 0) & ~model.library.is_sky[model.material])
 
 
 def fit(model, spectrum, r, fwhm_um):

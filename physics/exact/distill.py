@@ -51,7 +51,7 @@ def distill(model, spectra, row, temperature_k, thermal_lighting, threads):
         off, u, v, to_c = (a.astype(np.float32) for a in (off, u, v, to_c))
         c = off @ to_c
         residual[index] = np.sqrt(((off - c @ u.T) ** 2).mean(axis=1))
-        if model.material[r] == model.library.sky_index:
+        if model.library.is_sky[model.material[r]]:
             texture[index] = 0.0
             return
         deviation = c[:, : len(directions)] @ directions

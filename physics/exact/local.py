@@ -25,6 +25,7 @@ import numba
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from .. import prior
 from ..machinery.compiled import compiled
 from ..machinery.threads import in_threads
 from ..planck import brightness_temperature
@@ -85,7 +86,7 @@ def solve_local(
     (linear, square), tables, of_t = model.of_all, model.tables, model.of_t
     tries, rows, origin = _tries(model, among)
     material, square = model.material[rows], square[rows]
-    is_sky = material == model.library.sky_index
+    is_sky = model.library.is_sky[material]
     middle = len(model.sigma) // 2
     threads = threads or numba.get_num_threads()
     fits = BLOCK_BYTES // (8 * len(rows) * (model.terms + 2 * model.k + 5))
@@ -113,11 +114,8 @@ def solve_local(
 def _tries(model, among):
     """What is tried: of each hypothesis the tries (H, 3), -1 for none; and of each try the row of
     the model and the start (Q,)."""
-    held = np.ones(len(model.material), bool)
-    if among is not None:
-        sky = model.library.sky_index
-        held = among[model.material] & ((model.sky_share == 0) | (sky is not None and among[sky]))
-    rows = np.flatnonzero(held)
+    held = np.ones(len(model.library), bool) if among is None else among
+    rows = np.flatnonzero(prior.among(model.material, model.sky_share, model.library.is_sky, held))
     again = np.flatnonzero(model.emissivity[rows].mean(axis=1) < REFLECTS)
     tries = np.full((len(rows), 3), -1)
     tries[:, 0] = np.arange(len(rows))

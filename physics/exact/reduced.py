@@ -1,8 +1,8 @@
 """The reduced forward model: a pixel meets a hypothesis only through r inner products.
 
-A hypothesis is a material m, or m with a share alpha of the pixel looking past it at the
-sky (the rim of a leaf; alpha = 0 for a pure pixel, 1 for the sky itself). Eq. 1 in noise
-units (s = S / sigma) is then linear in V and nonlinear only in the scalar T:
+A hypothesis is one of `prior.Mixtures`: a material m, or m with a share alpha of the pixel looking
+past it at the sky (the rim of a leaf; alpha = 0 for a pure pixel, 1 for the sky itself). Eq. 1 in
+noise units (s = S / sigma) is then linear in V and nonlinear only in the scalar T:
 
     s~ = alpha S_sky / sigma + (1 - alpha) [e_m B(T) + (1 - e_m) sum_j V_j S_j] / sigma = A u
     u  = [C_0(tau), ..., C_{n-1}(tau), V_1, ..., V_k],   T = T_mid + T_half tau
@@ -56,10 +56,8 @@ from ..machinery import scratch
 from ..planck import brightness_temperature, noise_sigma, planck
 from ..prior import (
     MIN_TEMPERATURE_SPREAD_K,
-    MIXED_MATERIAL,
-    MIXED_SHARE,
-    MIXED_SKY,
     V_PRECISION,
+    Mixtures,
     Pixels,
     lighting_scale,
     usual_temperature,
@@ -158,14 +156,14 @@ def reduce_model(
     """
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
     environment.check_bands(w)
-    t, of = temperatures or _temperatures(cube, environment), _hypotheses(library, environment)
+    t, of = temperatures or _temperatures(cube, environment), _mixtures(library, environment)
     nodes = quadrature(w, cube.fwhm_um)
     curves = library.at(nodes)
-    curves = np.concatenate([curves, np.ones((1, *nodes.shape))])  # the last one is black
-    emissivity = curves.mean(axis=-1)[of.curve]
-    series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.curve]  # (R, n, bands)
+    curves[library.is_sky] = 1.0  # what glows before the sky is as good as black
+    emissivity = curves.mean(axis=-1)[of.material]
+    series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.material]  # (R, n, bands)
     terms = series.shape[1]
-    reflected = (1 - of.share)[:, None] * (1 - emissivity)  # what of the surroundings shows
+    reflected = (1 - of.sky_share)[:, None] * (1 - emissivity)  # what of the surroundings shows
     a, u = _rows(of, series, reflected, environment, sigma, planck(w, t.prior_mean))
     error = noise_sigma(w, environment.error_k) / sigma
     scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
@@ -186,7 +184,7 @@ def reduce_model(
     by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))
     return ReducedModel(
         library=library, environment=environment, wavelength_um=w, sigma=sigma,
-        material=of.material, sky_share=of.share, emissivity=emissivity, forward=a,
+        material=of.material, sky_share=of.sky_share, emissivity=emissivity, forward=a,
         project=by_band(pa * scale[:, None]), scale=scale, deflate=by_band(d * scale[:, None]),
         deviation=u.transpose(0, 2, 1), gram=gram, offset=offset, occam=occam, terms=terms, k=k,
         mid_k=t.mid, half_k=t.half, prior_mean_k=t.prior_mean, prior_sigma_k=t.prior_sigma,
@@ -220,36 +218,19 @@ def _temperatures(cube, environment):
     return Temperatures.of(*ends, usual, float(pixels.brightness_k.mean(axis=1).std()))
 
 
-class _Hypotheses(NamedTuple):
-    """(R,) each: library and curve index, alpha, sigma_alpha and prior share. The curve after
-    the library's is black."""
-
-    material: np.ndarray
-    curve: np.ndarray
-    share: np.ndarray
-    share_sigma: np.ndarray
-    prior: np.ndarray
-
-
-def _hypotheses(library, environment):
-    ground = [m for m in range(len(library)) if m != library.sky_index]
-    if not ground and (environment.sky_mean is None or library.sky_index is None):
+def _mixtures(library, environment):
+    """The Mixtures of a library, without a sky that is not in view."""
+    in_view = environment.sky_mean is not None
+    of = Mixtures.of(library.is_sky, in_view)
+    there = in_view | ~library.is_sky[of.material]
+    if not there.any():
         raise InputError("library: it holds only the sky, but no sky is in view; add materials.")
-    if environment.sky_mean is None or library.sky_index is None:
-        rows = [(m, m, 0.0, 0.0, 1.0) for m in ground]
-    else:
-        black = len(library)
-        pure, mixed = 1 - MIXED_SHARE, MIXED_SHARE
-        rows = [(m, m, 0.0, 0.0, pure) for m in ground]
-        rows += [(m, m, *MIXED_MATERIAL, mixed) for m in ground]
-        rows += [(library.sky_index, black, 1.0, 0.0, pure)]
-        rows += [(library.sky_index, black, *MIXED_SKY, mixed)]
-    return _Hypotheses(*(np.array(column) for column in zip(*rows, strict=True)))
+    return Mixtures(*(a[there] for a in of))
 
 
 def _rows(of, series, reflected, environment, sigma, black):
-    """A' (R, r, bands) and U' (R, d, bands) of _Hypotheses; black (bands,) is B(T_prior)."""
-    share, reflected = of.share[:, None, None], reflected[:, None]
+    """A' (R, r, bands) and U' (R, d, bands) of Mixtures; black (bands,) is B(T_prior)."""
+    share, reflected = of.sky_share[:, None, None], reflected[:, None]
     sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
     a = np.concatenate([(1 - share) * series, reflected * environment.radiance / sigma], axis=1)
     a[:, 0] += share[:, 0] * sky_mean / sigma

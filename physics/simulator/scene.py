@@ -54,9 +54,10 @@ class SceneObject:
             raise InputError(f"scene: object {label!r} needs mirror 0-1, got {self.mirror}.")
         t = np.asarray(self.temperature_k, dtype=np.float64)
         if t.shape not in ((), (n,)) or not ((t > 1) & (t < 2000)).all():
+            reach = f"; it has {t.min():g} to {t.max():g}" if t.size else ""
             raise InputError(
                 f"scene: object {label!r} needs one temperature in K (1-2000), "
-                f"or one for each of its {n} vertices."
+                f"or one for each of its {n} vertices{reach}."
             )
         t = np.array(np.broadcast_to(t, (n,)))
         t.setflags(write=False)

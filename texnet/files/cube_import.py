@@ -7,7 +7,8 @@ not in the file, so the caller states them: equidistant in wavenumber, in the fi
 
 TeX-1500 `.mat` or `.npz`: a cube of either axis order, wavelengths in um, of all its bands or of
 the good ones alone, and these bands' indices or a mask; of the lists of keys below the first that
-is there, of wavelengths the first that fits. The unit is the caller's to say.
+is there, of wavelengths the first that fits; widths of the same bands and NETD, if they are there.
+The unit is the caller's to say.
 
 `.npy`: (bands, height, width); bands and unit are the caller's to say.
 
@@ -34,7 +35,8 @@ HEAT_CUBE = "heat cube"
 HADAR_MAT, HADAR = "HADAR .mat", ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
-OUR_ARRAYS, ONLY_OURS = {"radiance", "wavelength_um"}, {"fwhm_um", "netd_k"}
+OUR_ARRAYS = {"radiance", "wavelength_um"}
+WIDTH, NETD = ("fwhm_um", "fwhm"), "netd_k"
 GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_indices")
 
 
@@ -195,10 +197,9 @@ def _read_mat(path):
 
 
 def _read_npz(path, unit):
-    held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS))
+    held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS, *WIDTH, NETD))
     # of which unit and axes it is, our own need not say
-    plain = unit is None and set(held).isdisjoint(GOOD_BANDS)
-    if OUR_ARRAYS <= set(held) and (plain or not set(held).isdisjoint(ONLY_OURS)):
+    if unit is None and OUR_ARRAYS <= set(held) and set(held).isdisjoint(GOOD_BANDS):
         return _read_ours(path)
     return _tex1500(path, held, arrays, lambda key: unpacked(path, key))
 
@@ -227,6 +228,14 @@ def _tex1500(path, held, arrays, load):
             f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) "
             f"{'may be' if both else 'are not'} either its first axis or its last."
         )
+    widths, netd = _first(WIDTH, arrays), arrays.get(NETD)
+    fwhm = None if widths is None else _real(arrays[widths], widths, path).ravel()
+    if fwhm is not None and fwhm.size != w.size:
+        raise InputError(
+            f"cube: {widths} in {path} holds {fwhm.size} widths for {w.size} bands ({wavelength})."
+        )
+    if netd is not None and (netd.dtype.kind not in "fiu" or netd.size != 1):
+        raise InputError(f"cube: {NETD} in {path} must be one number.")
     s = np.moveaxis(s, axis, 0)
     axes = "height x width x bands" if axis else "bands x height x width"
     words, good, doubt = [], None, ""
@@ -234,11 +243,20 @@ def _tex1500(path, held, arrays, load):
         good, words, doubt = _good_bands(listed, indices, len(s))
     if good_alone:
         order = slice(None) if _is_mask(listed, len(s)) else np.argsort(listed)
-        centre = np.zeros(len(s))  # of bad bands they are not known
-        centre[good] = w[order]
-        w, words = centre, [*words, f"{wavelength} is of these alone"]
+
+        def of_all(of_good):  # of bad bands it is not known
+            every = np.zeros(len(s))
+            every[good] = of_good[order]
+            return every
+
+        w, fwhm = of_all(w), None if fwhm is None else of_all(fwhm)
+        words = [*words, f"{wavelength} is of these alone"]
     what = f"TeX-1500 {path.suffix}, {cube} ({axes}) over {wavelength}"
-    return RawCube(what, lambda: s, w, good=good, words=tuple(words), doubt=doubt)
+    known = netd is not None and np.isfinite(netd).all()
+    return RawCube(
+        what, lambda: s, w, fwhm, good=good, netd_k=netd.item() if known else None,
+        words=tuple(words), doubt=doubt,
+    )  # fmt: skip
 
 
 def _where(s, found, listed):

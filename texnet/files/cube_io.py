@@ -155,9 +155,21 @@ def some_arrays(path, keys):
     try:
         # Opened here, because np.load leaks the file if it is no whole zip.
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            return data.files, {key: data[key] for key in keys if key in data.files}
+            return data.files, {key: _plain(data, key, path) for key in keys if key in data.files}
+    except InputError:
+        raise
     except BROKEN_NPZ as e:
         raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
+
+
+def _plain(data, key, path):
+    try:
+        return data[key]
+    except ValueError as e:
+        if "Object arrays" not in str(e):
+            raise
+        said = f"cube: {key} in {path} holds None or other objects; leave it out, or give numbers."
+        raise InputError(said) from e
 
 
 def unpacked(path, key):

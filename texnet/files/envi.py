@@ -16,6 +16,7 @@ A spectral library has a line a spectrum and a sample a band, spectra names, and
 
 import math
 import re
+from collections import deque
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from physics.errors import InputError
 
-from .raw_cube import UNITS, RawCube
+from .raw_cube import UNITS, RawCube, is_ignored
 
 DTYPES = {
     1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8",
@@ -70,7 +71,7 @@ def read_envi(path):
     words += not_said
     if axis is None:
         axis, centre, fwhm = "um", None, None
-    bbl, ignore = header.numbers("bbl", bands), header.ignored(dtype)
+    bbl, ignore = header.numbers("bbl", bands), header.ignored()
     said = next((header.word(key) for key in UNIT_KEYS if key in header.fields), "")
     return RawCube(
         f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, _unit(said), gain,
@@ -120,9 +121,8 @@ def read_spectra(path):
     raw = numbers()
     if len(raw) != 1:
         raise header.error(f"bands must be 1 in a spectral library, not {len(raw)}")
-    values = np.where(
-        raw[0] == header.ignored(dtype), np.nan, gain * raw[0].astype(np.float64) + offset
-    )
+    values = gain * raw[0].astype(np.float64) + offset
+    values[is_ignored(raw[0], header.ignored())] = np.nan
     names = header.word("spectra names").strip("{}, ").split(",")
     centre = header.numbers("wavelength", values.shape[1])
     axis, _ = header.axis(centre)
@@ -150,15 +150,11 @@ def _pair(path, of):
 
 def header_of(path):
     """The ENVI header beside a binary, NAME.dat.hdr or NAME.hdr; None if there is none."""
-    beside = _beside(path)
-    names = f"{path.name}.hdr", f"{path.stem}.hdr"
-    return next((beside[n.lower()] for n in names if n.lower() in beside), None)
+    return next(iter(_beside(path, (f"{path.name}.hdr", f"{path.stem}.hdr"))), None)
 
 
 def _binary_of(header, of):
-    beside = _beside(header)
-    names = [f"{header.stem}{suffix}".lower() for suffix in BINARY]
-    found = [beside[name] for name in names if name in beside]
+    found = _beside(header, [f"{header.stem}{suffix}" for suffix in BINARY])
     if len(found) == 1:
         return found[0]
     if found:
@@ -170,8 +166,14 @@ def _binary_of(header, of):
     )
 
 
-def _beside(path):
-    return {p.name.lower(): p for p in path.parent.iterdir() if p.is_file()}
+def _beside(path, names):
+    """The files beside path of these names, in their order; in another case where none is spelt
+    so."""
+    there, found = [p for p in path.parent.iterdir() if p.is_file()], []
+    for name in names:
+        alike = [p for p in there if p.name.lower() == name.lower()]
+        found += [p for p in alike if p.name == name] or alike
+    return found
 
 
 def _numbers(header, binary, kinds):
@@ -242,21 +244,23 @@ class _Header:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError:  # as older programs write the micro sign
             text = raw.decode("latin-1")
-        lines = iter(text.splitlines())
-        if len(raw) > MOST_HEADER or next(lines, "").strip().upper() != "ENVI":
+        first, *lines = text.splitlines() or [""]
+        if len(raw) > MOST_HEADER or first.strip().upper() != "ENVI":
             raise self.error("its first line must be ENVI")
+        lines = deque(line.strip() for line in lines if not line.startswith(";"))
         self.fields = {}
-        for line in lines:
-            key, equals, value = line.partition("=")
-            if line.startswith(";") or not equals:
+        while lines:
+            key, equals, value = lines.popleft().partition("=")
+            if not equals:
                 continue
             parts = [value.strip()]
+            if not parts[0] and lines and lines[0].startswith("{"):
+                parts = [lines.popleft()]
             if parts[0].startswith("{"):
                 while "}" not in parts[-1]:
-                    following = next(lines, None)
-                    if following is None:
+                    if not lines:
                         raise self.error(f"the list of {key.strip()[:60]!r} has no end }}")
-                    parts.append("" if following.startswith(";") else following.strip())
+                    parts.append(lines.popleft())
             self.fields[" ".join(key.lower().split())] = " ".join(parts)
 
     def error(self, text):
@@ -284,13 +288,13 @@ class _Header:
                 return axis, [f"wavelengths taken to be in {axis}, since {why}"]
         return None, []
 
-    def ignored(self, dtype):
-        """What stands for no measurement among numbers of a dtype; None if nothing does."""
-        if self.word("data ignore value", "nan").lower() == "nan":
+    def ignored(self):
+        """The finite number that stands for no measurement; None if nothing does, or what is no
+        number anyway."""
+        text = self.word("data ignore value", "nan").lower().lstrip("+-")
+        if text.startswith(("nan", "inf", "1.#")):
             return None
-        value = self.numbers("data ignore value", 1)[0]
-        with np.errstate(over="ignore"):  # its text has more digits than float32
-            return dtype.type(value) if dtype.kind == "f" else value
+        return self.numbers("data ignore value", 1)[0]
 
     def whole(self, key, default=None, least=0):
         """A whole number."""

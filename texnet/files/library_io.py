@@ -105,8 +105,9 @@ def _read(path, kind, wavenumbers_cm1, names):
 
 def _unusual(library):
     """A warning where no curve is like a solid's; else ""."""
-    solids = [i for i in range(len(library)) if i != library.sky_index]
-    mean = library.emissivity[solids].mean(axis=1) if solids else np.array([0.9])
+    mean = library.emissivity[~library.is_sky].mean(axis=1)
+    if not mean.size:
+        return ""
     if mean.max() < DARK:
         return f"\nWarning: no emissivity is {DARK} in the mean; are these reflectances, 1 - e?"
     if mean.min() > BRIGHT:

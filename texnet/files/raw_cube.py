@@ -47,6 +47,7 @@ EVENEST = 0.1
 THIN = 0.05  # or less are bands as wide as they are apart where the unit of widths is wrong
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
+AS_TEXT = 1e-5  # or less is a float off from what a header writes of it in a few digits
 
 
 class RawCube(NamedTuple):
@@ -222,14 +223,22 @@ def _radiance(raw, kept, gain, offset, progress):
             part = found.astype(np.float64)
             part *= gain[bands, None, None]
             part += offset[bands, None, None]
-            if raw.ignore is not None:
-                part[found == raw.ignore] = np.nan
+            part[is_ignored(found, raw.ignore)] = np.nan
             radiance[tuple(at)] = part
         scratch.release(radiance)
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
     radiance.setflags(write=False)
     return radiance
+
+
+def is_ignored(numbers, ignore):
+    """Which numbers are the one that stands for no measurement; none if that is None."""
+    if ignore is None:
+        return np.zeros(numbers.shape, bool)
+    if numbers.dtype.kind != "f":
+        return numbers == ignore
+    return np.abs(numbers.astype(np.float64) - ignore) <= AS_TEXT * abs(ignore)
 
 
 def _typical_k(radiance, w, unit):

@@ -38,6 +38,11 @@ def read_table(path, what, column):
             f"{what}: the first column of {path} must be headed {' or '.join(AXES)}, but its "
             f"header starts with {axis[:60]!r}."
         )
+    if not all(names):
+        raise InputError(
+            f"{what}: a column of {path} has no name in its header; name it, or, if it is empty, "
+            "delete it, or what its lines end with."
+        )
     values = []
     for line, cells in rows[1:]:
         values.append([number(cell) for cell in cells])
@@ -46,8 +51,6 @@ def read_table(path, what, column):
                 f"{what}: line {line} of {path} must hold {len(names) + 1} numbers, as many as the "
                 "header has columns, with a decimal point."
             )
-    if not all(names):
-        raise InputError(f"{what}: a column of {path} has no name in its header.")
     if not values or not names:
         raise InputError(
             f"{what}: {path} must hold a column per {column} and a row per wavelength."

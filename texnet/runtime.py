@@ -5,6 +5,8 @@ tile, several at once: each by one thread, which wastes less than many threads o
 """
 
 import json
+from functools import cache
+from importlib.resources import as_file, files
 from threading import BoundedSemaphore
 
 import numpy as np
@@ -15,6 +17,8 @@ from physics.errors import InputError
 from physics.known import Known
 from physics.machinery.threads import cores
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
+
+from .methods import ONNX
 
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
 FORMAT = "4"  # of the file: another whenever the same weights answer otherwise, or more
@@ -115,3 +119,10 @@ class Runtime:
                 raise InputError(f"model: {size} must be at least {least}, got {sizes[size]}.")
         if 0 in (sizes[s] for s in ("bands", "components", "nodes", "k", "height", "width")):
             raise InputError("model: an image, its bands and its environment must not be empty.")
+
+
+@cache
+def shipped_runtime():
+    """The Runtime of the network that comes with the package."""
+    with as_file(files("texnet") / "data" / ONNX) as path:
+        return Runtime(path)
