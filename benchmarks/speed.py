@@ -11,6 +11,7 @@ repeated as stands in a row:
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
                           pixels that are neither sky nor mixed with it; the median
+    solver                the same of `local`'s: every material and pixel, no glance, one thread
     PAN-ResNet50          the forward pass of the published TeX-Net's architecture: of
                           segmentation-models-pytorch where that is installed (extra `peers`),
                           else a stand-in of as many parameters and multiply-adds
@@ -67,7 +68,7 @@ from texnet.runtime import Runtime
 FRAME, BANDS, K = (1080, 1920), 54, 4
 OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V
 PIECE = 2  # times as large, on each side, is the frame as what was traced for it
-SCIPY_PIXELS = 30
+SCIPY_PIXELS, SOLVER_PIXELS = 30, 20_000
 PART = 544, 960
 REPEATS = 3
 DRAWS = 16  # of training
@@ -192,6 +193,14 @@ def scipy_fit(cube, library, environment):
         "seconds_per_megapixel": np.median(per), "least": per.min(), "most": per.max(),
         "least_excess_nats": min(excess), "most_excess_nats": max(excess),
     }  # fmt: skip
+
+
+def solver(cube, library, environment):
+    """A row of what `local` takes for the work that the peer does: all materials, one thread."""
+    model = reduce_model(cube, library, environment)
+    pixels = np.random.default_rng(0).permutation(len(cube.spectra))[:SOLVER_PIXELS]
+    spectra = cube.spectra[pixels]
+    return timed("solver", len(spectra), lambda: solve_local(model, spectra, threads=1))
 
 
 def pan(bands):
@@ -439,12 +448,14 @@ def measure(out, large=False):
     cube = frame(traced, library)
     environment = estimate_environment(cube, library, K)
     rows = methods(cube, library, run)
-    rows += [scipy_fit(cube, library, environment), pan_forward(cube)]
+    rows += [scipy_fit(cube, library, environment), solver(cube, library, environment)]
+    rows += [pan_forward(cube)]
     rows += limits(cube, library, environment) + on_gpu(cube, library)
     per = {r["what"]: r["seconds_per_megapixel"] for r in rows}
     peer = next(name for name in per if name.startswith("PAN"))
     ratios = {
         "local, times scipy's pixels per second": per["scipy"] / per["local"],
+        "the same work in one thread, times scipy's": per["scipy"] / per["solver"],
         f"net, times the pixels per second of {peer}": per[peer] / per["net"],
         f"net+sgd, times the pixels per second of {peer}": per[peer] / per["net+sgd"],
         "local, times the time of its matrix product": per["local"] / per["product"],

@@ -186,11 +186,11 @@ class Sample:
         cut = int(EXTREMES * len(ground))
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
         fit = _clusters(ground, k - len(skies), 3, self.seed)
-        spread = _principal(ground - fit.cluster_centers_[fit.labels_]) * cube.sigma
+        spread = _principal(ground - fit.cluster_centers_[fit.labels_], 1.0) * cube.sigma
         spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
-            tuple(range(len(skies))), spread, _principal(deviations) * cube.sigma,
+            tuple(range(len(skies))), spread, _principal(deviations, 0.0) * cube.sigma,
             error_k, **self.of_sky(),
         )  # fmt: skip
 
@@ -227,7 +227,7 @@ class Sample:
             return {}
         sky, sigma = self.spectra[self.sky], self.cube.sigma
         mean = sky.mean(axis=0)
-        scatter = SKY_SPREAD_SCALE * _principal(sky - mean)
+        scatter = SKY_SPREAD_SCALE * _principal(sky - mean, 1.0)
         return dict(sky_mean=mean * sigma, sky_spread=scatter * sigma)
 
 
@@ -323,11 +323,11 @@ def _clusters(spectra, k, starts, seed):
         return KMeans(k, n_init=starts, random_state=seed).fit(spectra)
 
 
-def _principal(deviations):
-    """(d, bands) the largest principal deviations, one sigma long; sensor noise left out."""
+def _principal(deviations, noise):
+    """(d, bands) the largest principal deviations, one sigma long, less a variance of noise."""
     if len(deviations) < 2:
         return np.zeros((0, deviations.shape[1]))
     variance, axes = np.linalg.eigh(deviations.T @ deviations / len(deviations))
-    signal = np.maximum(variance[::-1] - 1, 0)[:SPREAD_DIRECTIONS]
+    signal = np.maximum(variance[::-1] - noise, 0)[:SPREAD_DIRECTIONS]
     rows = np.sqrt(signal)[:, None] * axes.T[::-1][:SPREAD_DIRECTIONS]
     return rows[signal > 0.5]

@@ -122,8 +122,9 @@ def _through(wavelength_um, seen, air_k, skies):
     glow = planck(wavelength_um, air_k)
     depth = lambda s: np.clip(-np.log1p(-s / glow), np.exp(-MOST_DEPTH), MOST_DEPTH)
     tau, own = depth(seen), depth(skies)
-    # of log tau, for a glow that is off
-    doubt = GLOW_ERROR_K * planck_derivative(wavelength_um, air_k) / (glow - seen) / tau
+    # of log tau, for a glow that is off: d tau / dB = -S / (B (B - S))
+    off = GLOW_ERROR_K * planck_derivative(wavelength_um, air_k)
+    doubt = off * seen / (glow * (glow - seen)) / tau
     more = np.log(tau / own[0]) / (1 + (doubt / DEPTH_ERROR) ** 2)
     return glow * -np.expm1(-own[1:] * np.exp(more))
 

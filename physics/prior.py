@@ -32,7 +32,8 @@ class Mixtures(NamedTuple):
     and one of the materials, partly sky.
 
     material is its index; sky_share the mean of the sky's share in the pixel, alpha, and
-    share_sigma its standard deviation; prior is the share of all pixels that are pure, or mixed.
+    share_sigma its standard deviation; prior is the share of all pixels that are pure, or mixed,
+    under a sky in view, whether it is one of the materials or not.
     """
 
     material: np.ndarray

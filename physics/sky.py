@@ -21,7 +21,9 @@ Atmosphere 1976); water with a 2 km scale height; well-mixed CO2, N2O and CH4; o
 (Lacis and Hansen 1974, J. Atmos. Sci. 31, 118: u(z) falls as a logistic at 20 km, 5 km wide).
 
 Approximate, and on purpose: bands are means over 20 cm-1, no single lines; no trace gases but
-those, no aerosol, no cloud, no refraction beyond the air mass, no inversion at night.
+those, no aerosol, no cloud, no inversion at night; the ground at sea level; one air mass for all
+gases, though low above the horizon a ray meets more vapour than that, which lies low, and less
+ozone (docs/limits.md).
 """
 
 import math

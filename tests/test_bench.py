@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import lowtran7, speed, stability
+from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
@@ -80,6 +81,9 @@ def test_what_is_timed_runs(monkeypatch):
     row = speed.simulator(LIBRARY)
     assert row["rays"] >= 8 * 12 * speed.SPP and 0 < row["ratio"] < 1
     traced = trace_scene(speed.preset(), (24, 32), 4, 7, LIBRARY)
+    cube = speed.frame(traced, LIBRARY, size=(24, 32))
+    row = speed.solver(cube, LIBRARY, estimate_environment(cube, LIBRARY, 4))
+    assert row["pixels"] == 24 * 32 and row["seconds_per_megapixel"] > 0
     rows = list(speed.growth(traced, LIBRARY, Runtime(speed.ONNX).run))
     assert {(r["axis"], r["method"]) for r in rows} == {
         *((axis, method) for axis in speed.GROWTH for method in ("local", "net+sgd")),

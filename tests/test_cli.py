@@ -53,7 +53,9 @@ def test_to_decompose_a_cube_needs_neither_torch_nor_numba(tmp_path, cube):
         "        assert name not in ('torch', 'kornia', 'numba', 'embreex', 'onnx'), name\n"
         "sys.meta_path.insert(0, Without())\n"
         "from texnet.cli import main\n"
-        "sys.exit(main(['decompose', sys.argv[1], '--out', sys.argv[2], '--k', '5']))\n"
+        "assert main(['decompose', sys.argv[1], '--out', sys.argv[2], '--k', '5']) == 0\n"
+        "import texnet\n"
+        "texnet.decompose(texnet.read_cube(sys.argv[1]), k=5)\n"
     )
     subprocess.run([sys.executable, "-c", code, cube, tmp_path / "out"], check=True)
 

@@ -227,7 +227,7 @@ def test_pixels_that_hold_the_ignore_value_are_dead(tmp_path, in_parts):
     s[:] = S
     path = envi(tmp_path / "a", s, data_ignore_value=-9999)
     check_same(import_cube(path, "W/m2/sr/um")[0])
-    for nothing in ("NaN", "-inf", "-1.#IND"):
+    for nothing in ("NaN", "-inf", "-1.#IND", "{nan}", "", "-1.79769313486232e+308"):
         path = envi(tmp_path / "a", s, data_ignore_value=nothing)
         check_same(import_cube(path, "W/m2/sr/um")[0])
 
@@ -240,6 +240,9 @@ def test_the_ignore_value_may_be_said_in_fewer_digits(tmp_path, kind, said):
     s = np.where(blank, np.finfo(np.float32).min, S)
     path = envi(tmp_path / "a", s, kind=kind, data_ignore_value=said)
     np.testing.assert_array_equal(import_cube(path, "W/m2/sr/um")[0].dead, blank)
+    if kind == 5:  # of what a scene may show, only the very number
+        path = envi(tmp_path / "a", S, kind=5, data_ignore_value=S[2, 0, 1] * (1 + 1e-6))
+        assert not import_cube(path, "W/m2/sr/um")[0].dead.any()
 
 
 def test_a_list_may_begin_on_the_line_after_its_name(tmp_path):
@@ -254,9 +257,14 @@ def test_names_that_differ_in_case_alone_are_two_cubes(tmp_path):
     envi(tmp_path / "SCAN", 1.1 * S, wavelength=1.01 * W)
     if len(list(tmp_path.iterdir())) < 4:
         pytest.skip("this disk takes them for one")
-    for suffix in (".hdr", ".dat"):
-        check_same(import_cube(tmp_path / f"scan{suffix}", "W/m2/sr/um")[0])
-        check_same(import_cube(tmp_path / f"SCAN{suffix}", "W/m2/sr/um")[0], 1.1 * S, 1.01 * W)
+    for other in ("SCAN.dat", "SCAN.img"):
+        (tmp_path / "SCAN.dat").rename(tmp_path / other)
+        for name in ("SCAN.hdr", other):
+            check_same(import_cube(tmp_path / name, "W/m2/sr/um")[0], 1.1 * S, 1.01 * W)
+        for name in ("scan.hdr", "scan.dat"):
+            check_same(import_cube(tmp_path / name, "W/m2/sr/um")[0])
+    (tmp_path / "SCAN.hdr").rename(tmp_path / "SCAN.dat.hdr")
+    check_same(import_cube(tmp_path / "scan.dat", "W/m2/sr/um")[0])
 
 
 def test_a_binary_without_its_header_is_refused(tmp_path):
@@ -330,7 +338,7 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
         (dict(data_gain_values=W[:1]), "data gain values holds 1 numbers where 6 are needed"),
         (dict(data_gain_values=0 * W), "zero, NaN or infinite in every band"),
         (dict(data_gain_values=np.full(6, 1e300)), "NaN or infinite"),
-        (dict(data_ignore_value="none"), "data ignore value must hold finite numbers"),
+        (dict(data_ignore_value="none"), "data ignore value must be a number, not 'none'"),
         (dict(reflectance_scale_factor=0), "must not be 0"),
         (dict(reflectance_scale_factor=10, data_gain_values=W), "leave in what makes radiance"),
     ],
@@ -543,6 +551,23 @@ def test_widths_and_noise_beside_them_are_taken(tmp_path, suffix, alone, width):
     check_same(cube, np.tile(S, (1, 4, 4))[good], W[good])
     np.testing.assert_allclose(cube.fwhm_um, widths[good][::-1])
     assert cube.netd_k == 0.03 and "taken as narrow" not in note
+
+
+@pytest.mark.parametrize(
+    "width, taken",
+    [
+        (0.2, 0.2),
+        ([], 0),
+        ([np.nan] * 6, 0),
+        ([0.1, 0.2, 0.3, 0.4, 0.5, 0.6], [0.6, 0.4, 0.2, 0.1]),
+    ],
+)
+def test_one_width_for_all_none_or_also_those_of_bad_bands(tmp_path, width, taken):
+    good, s = np.array([0, 1, 3, 5]), np.tile(S, (1, 4, 4))
+    np.savez(tmp_path / "a.npz", cube=s, wav=W[good], good_bands=good, fwhm=width, netd_k=[])
+    cube, note = import_cube(tmp_path / "a.npz", "W/m2/sr/um")
+    np.testing.assert_allclose(cube.fwhm_um, taken)
+    assert cube.netd_k is None and ("taken as narrow" in note) == (taken == 0)
 
 
 @pytest.mark.parametrize(
@@ -800,8 +825,10 @@ def test_an_array_of_our_own_names_is_a_heat_cube(tmp_path):
     np.savez(tmp_path / "mine.npz", radiance=s, wavelength_um=w)
     cube, _ = import_cube(tmp_path / "mine.npz", rows=slice(1, 3))
     np.testing.assert_allclose(cube.radiance, s[:, 1:], rtol=1e-6)
-    with pytest.raises(InputError, match="may be either its first axis or its last"):
-        import_cube(tmp_path / "mine.npz", "microflick")  # somebody else's, of either order
+    np.savez(tmp_path / "mine.npz", radiance=100 * s, wavelength_um=w, fwhm_um=0 * w + 0.1)
+    cube, note = import_cube(tmp_path / "mine.npz", "microflick")
+    np.testing.assert_allclose(cube.radiance, s, rtol=1e-6)
+    assert "TeX-1500" not in note
 
 
 @pytest.mark.parametrize("key", ["data units", "radiance data units", "units"])

@@ -255,6 +255,7 @@ HEAD = "wavelength_um,sky\n"
         (HEAD + "8,5\n\n9\n", "line 4"),
         (HEAD + "8,5\n9,nan\n", "line 3"),
         ("wavelength_um;sky\n8,5;5\n", "with a decimal point"),
+        ("wavelength_um,sky,\n8,5,\n", "has no name in its header; name it, or, if it is empty"),
         (HEAD + "8,5\n8,6\n14,7\n", "8 um is there twice"),
         (HEAD + "8000,5\n14000,5\n", "looks like nm or cm-1"),
         ("wavenumber_cm1,sky\n8,5\n14,5\n", "10 um is 1000 cm-1"),

@@ -9,7 +9,7 @@ from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
-from physics.estimate import Sample, completed, estimate_environment
+from physics.estimate import Sample, _principal, completed, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck
@@ -255,6 +255,15 @@ def test_true_sky_comes_out_as_sky():
         ground = ~binary_dilation(sky, np.ones((3, 3)))
         assert (answer[ground] == "sky").mean() < 0.05
     assert np.concatenate(mirrors).mean() < 0.02
+
+
+def test_principal_deviations_have_the_covariance_of_all_but_noise():
+    rng = np.random.default_rng(0)
+    skies = rng.normal(size=(4000, 3)) * (7, 4, 2) @ np.linalg.qr(rng.normal(size=(12, 3)))[0].T
+    found = _principal(skies, 0.0)
+    np.testing.assert_allclose(found.T @ found, skies.T @ skies / len(skies), atol=1e-9)
+    noisy = _principal(skies + rng.normal(size=skies.shape), 1.0)
+    np.testing.assert_allclose(noisy.T @ noisy, found.T @ found, atol=1)
 
 
 # --- the objects ------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physics.bands import band_means, equidistant_bands, quadrature
-from physics.overhead import air_temperature, overhead
+from physics.overhead import _through, air_temperature, overhead
 from physics.planck import noise_sigma, planck, planck_derivative
 from physics.sky import Atmosphere, sky_along
 
@@ -53,6 +53,20 @@ def test_the_sky_in_view_is_what_is_seen(bands):
     skies = overhead(w, fwhm, noise, seen, 284.0, 2.0, (0.0,))
     clear = seen / planck(w, 284.0) < 0.8
     np.testing.assert_allclose(skies[:, 0, clear].mean(axis=0), seen[clear], rtol=0.005)
+
+
+@pytest.mark.parametrize("off_k", [-1.0, 1.0])
+def test_what_a_glow_that_is_off_does_to_optical_depth_is_what_is_doubted(off_k):
+    """Not of a clear sky, S = B tau, of which a kelvin more in B takes 2 % from tau: what it has
+    more of than the model is overhead, too. Of an opaque one nothing is known."""
+    w, more = np.full(5, 10.0), 1.3
+    own = np.array([0.02, 0.1, 0.3, 1.0, 6.0])
+    model = planck(w, 285.0) * -np.expm1(-own * np.array([[1.0], [0.2]]))
+    seen = planck(w, 285.0 + off_k) * -np.expm1(-own * more)
+    (overhead_,) = _through(w, seen, 285.0, model)
+    share = np.log(-np.log1p(-overhead_ / planck(w, 285.0)) / (0.2 * own)) / np.log(more)
+    np.testing.assert_allclose(share[:3], 1, atol=0.1)
+    assert 0.5 < share[3] < 1.1 and share[4] < 0.1
 
 
 def test_skies_clear_up_towards_the_zenith():

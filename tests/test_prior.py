@@ -7,7 +7,7 @@ from physics import HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
-from physics.prior import Pixels, usual_temperature
+from physics.prior import Mixtures, Pixels, usual_temperature
 from physics.sky import Atmosphere, sky_radiance
 
 AIR_K, METAL = 290.0, 0.05
@@ -82,3 +82,18 @@ def test_noise_does_not_make_the_scene_warm(netd_k):
     environment = estimate_environment(cube, MaterialLibrary.starter())
     assert environment.sky
     assert abs(usual_temperature(cube, environment, Pixels.of(cube)) - AIR_K) < 3
+
+
+@pytest.mark.parametrize("sky", [None, 0, 2])
+@pytest.mark.parametrize("in_view", [True, False])
+def test_every_material_is_pure_or_partly_sky_where_there_is_one(sky, in_view):
+    of = Mixtures.of(np.arange(4) == (-1 if sky is None else sky), in_view)
+    mixed = (of.share_sigma > 0) & (of.sky_share > 0) & (of.sky_share < 1)
+    assert (of.sky_share[~mixed] == (of.material[~mixed] == sky)).all()
+    if in_view and sky is not None:
+        np.testing.assert_allclose(np.bincount(of.material, of.prior), 1)
+        assert mixed.sum() == 4 == of.material[mixed].max() + 1
+        more = of.sky_share[mixed & (of.material == sky)]
+        assert more > 0.5 > of.sky_share[mixed & (of.material != sky)].max()
+    else:
+        assert not mixed.any() and of.material.tolist() == [0, 1, 2, 3]

@@ -235,7 +235,7 @@ def slow_unaries(scene, objective, state):
             if alpha == share:
                 return e, alpha, share_sigma, MIXED_SHARE
         assert alpha == (m == library.sky_index)
-        return e, alpha, 0.0, 1 - MIXED_SHARE if has_sky else 1.0
+        return e, alpha, 0.0, 1 - MIXED_SHARE if environment.sky_mean is not None else 1.0
 
     def covariance(e, alpha, share_sigma):
         reflected = (1 - alpha) * (1 - e)

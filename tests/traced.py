@@ -14,8 +14,7 @@ from physics.cube.heat_cube import HeatCube
 from physics.simulator import simulate
 from physics.simulator.presets import preset
 from texnet.cli import main
-from texnet.pipeline import decompose
-from texnet.runtime import shipped_runtime
+from texnet.pipeline import decompose, shipped_model
 
 ANSWER = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
 ARRAYS, JSON = ANSWER.partition("## Libraries")[0].split("`--json` prints")
@@ -68,10 +67,11 @@ def names_of(answer):
 @pytest.fixture(scope="module", autouse=True)
 def one_thread():
     """On tiny cubes threads only wait for each other, and for those of a second test process."""
-    threads, at_once = numba.get_num_threads(), shipped_runtime().at_once
+    threads, runtime = numba.get_num_threads(), shipped_model("net+sgd").__self__
+    at_once = runtime.at_once
     numba.set_num_threads(1)
-    shipped_runtime().at_once = 1
+    runtime.at_once = 1
     with threadpool_limits(1):
         yield
-    shipped_runtime().at_once = at_once
+    runtime.at_once = at_once
     numba.set_num_threads(threads)

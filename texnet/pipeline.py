@@ -10,8 +10,9 @@ Pixels that are far hotter than the rest are taken out before, and solved apart
 
 import math
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from inspect import signature
+from threading import Lock
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from .uncertainty import (
 )
 
 MAX_SEED = 2**32 - 1  # of scikit-learn
+_LOADING = Lock()  # once, whatever the threads
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,8 +173,9 @@ def decompose(
     model        run(radiance, known, progress, expected, regions) -> maps by net+sgd, such as
                  export.Runtime(FILE).run; net needs one that takes refined=False, too, as
                  learned.torch_model(network) does; the shipped network if None, in ONNX Runtime
-                 or, for net, in torch. Called in several threads at a time only if it is the
-                 method of an object that has, as that Runtime, an attribute at_once: in so many
+                 or, for net, in torch, on all cores (OMP_NUM_THREADS). Called in several threads at
+                 a time only if it is the method of an object that has, as that Runtime, an
+                 attribute at_once: in so many
     progress     called as progress(done, total, what)
 
     Raises InputError where the library does not cover the bands, or an argument is wrong.
@@ -197,16 +200,23 @@ def method_of(method, library, model=None, progress=None):
         return (lambda done, total: progress(done, total, what)) if progress else None
 
     if method in NETS:
-        if model is None and method == "net":
-            from .learned import torch_model  # torch takes a second to load
-
-            model = torch_model()
-        elif model is None:
-            from .runtime import shipped_runtime
-
-            model = shipped_runtime().run
+        with _LOADING:
+            model = model or shipped_model(method)
         return by_network(library, model, method == "net+sgd", report("network"))
     return by_solver(library, method == "sgd", report)
+
+
+@cache
+def shipped_model(method):
+    """The network that comes with the package, as `decompose` takes one, loaded once, with what
+    memory it keeps: net+sgd in ONNX Runtime, net in torch."""
+    if method == "net":
+        from .learned import torch_model  # torch takes a second to load
+
+        return torch_model()
+    from .runtime import shipped_runtime
+
+    return shipped_runtime().run
 
 
 def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None):

@@ -5,7 +5,6 @@ tile, several at once: each by one thread, which wastes less than many threads o
 """
 
 import json
-from functools import cache
 from importlib.resources import as_file, files
 from threading import BoundedSemaphore
 
@@ -121,8 +120,7 @@ class Runtime:
             raise InputError("model: an image, its bands and its environment must not be empty.")
 
 
-@cache
 def shipped_runtime():
-    """The Runtime of the network that comes with the package."""
+    """A Runtime of the network that comes with the package."""
     with as_file(files("texnet") / "data" / ONNX) as path:
         return Runtime(path)

@@ -199,14 +199,15 @@ def _read_mat(path):
 def _read_npz(path, unit):
     held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS, *WIDTH, NETD))
     # of which unit and axes it is, our own need not say
-    if unit is None and OUR_ARRAYS <= set(held) and set(held).isdisjoint(GOOD_BANDS):
+    ours = OUR_ARRAYS <= set(held) and set(held).isdisjoint(GOOD_BANDS)
+    if ours and unit is None:
         return _read_ours(path)
-    return _tex1500(path, held, arrays, lambda key: unpacked(path, key))
+    return _tex1500(path, held, arrays, lambda key: unpacked(path, key), ours)
 
 
-def _tex1500(path, held, arrays, load):
+def _tex1500(path, held, arrays, load, ours=False):
     """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
-    its cube."""
+    its cube; of our own layout bands come first where they may."""
     cube, indices = _first(CUBE, held), _first(GOOD_BANDS, arrays)
     found = {key: arrays[key].ravel() for key in WAVELENGTH if key in arrays}
     if cube is None or not found:
@@ -219,7 +220,7 @@ def _tex1500(path, held, arrays, load):
     if indices is not None:
         listed = _real(arrays[indices] * 1, indices, path).ravel()  # times 1: a mask may be bool
     s = load(cube)
-    wavelength, axis, good_alone = _where(s, found, listed)
+    wavelength, axis, good_alone = _where(s, found, listed, ours)
     w = _real(found[wavelength], wavelength, path)
     if axis is None:
         shape = "no array" if s is None else " x ".join(map(str, s.shape))
@@ -228,14 +229,14 @@ def _tex1500(path, held, arrays, load):
             f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) "
             f"{'may be' if both else 'are not'} either its first axis or its last."
         )
-    widths, netd = _first(WIDTH, arrays), arrays.get(NETD)
-    fwhm = None if widths is None else _real(arrays[widths], widths, path).ravel()
-    if fwhm is not None and fwhm.size != w.size:
-        raise InputError(
-            f"cube: {widths} in {path} holds {fwhm.size} widths for {w.size} bands ({wavelength})."
-        )
-    if netd is not None and (netd.dtype.kind not in "fiu" or netd.size != 1):
+    width, netd = _first(WIDTH, arrays), _known(NETD, arrays, path)
+    fwhm = _known(width, arrays, path)
+    if netd is not None and netd.size > 1:
         raise InputError(f"cube: {NETD} in {path} must be one number.")
+    if fwhm is not None and fwhm.size not in (1, w.size, s.shape[axis]):
+        raise InputError(
+            f"cube: {width} in {path} holds {fwhm.size} widths for {w.size} bands ({wavelength})."
+        )
     s = np.moveaxis(s, axis, 0)
     axes = "height x width x bands" if axis else "bands x height x width"
     words, good, doubt = [], None, ""
@@ -249,24 +250,37 @@ def _tex1500(path, held, arrays, load):
             every[good] = of_good[order]
             return every
 
-        w, fwhm = of_all(w), None if fwhm is None else of_all(fwhm)
-        words = [*words, f"{wavelength} is of these alone"]
-    what = f"TeX-1500 {path.suffix}, {cube} ({axes}) over {wavelength}"
-    known = netd is not None and np.isfinite(netd).all()
+        if fwhm is not None and fwhm.size == w.size:
+            fwhm = of_all(fwhm)
+        w, words = of_all(w), [*words, f"{wavelength} is of these alone"]
+    if fwhm is not None:
+        fwhm = np.broadcast_to(fwhm, len(s))
+    what = "npz" if ours else f"TeX-1500 {path.suffix}"
     return RawCube(
-        what, lambda: s, w, fwhm, good=good, netd_k=netd.item() if known else None,
-        words=tuple(words), doubt=doubt,
+        f"{what}, {cube} ({axes}) over {wavelength}", lambda: s, w, fwhm, good=good,
+        netd_k=None if netd is None else netd.item(), words=tuple(words), doubt=doubt,
     )  # fmt: skip
 
 
-def _where(s, found, listed):
+def _known(key, arrays, path):
+    """(n,) the numbers of an array; None where it is not there, or says nothing."""
+    array = np.ravel(arrays.get(key, ()))
+    if array.dtype.kind == "f" and np.isnan(array).all():  # or empty
+        return None
+    return _real(array, key, path)
+
+
+def _where(s, found, listed, ours):
     """(key, axis, alone) of a cube s, of wavelengths by key and of the good bands as listed: the
-    first wavelengths that fit one of its ends, else those of the good bands alone, where bands lie
-    along the shorter end, if both are long enough. axis is None where nothing fits."""
+    first wavelengths that fit one of its ends, or both if it is ours, else those of the good bands
+    alone, where bands lie along the shorter end, if both are long enough. axis is None where
+    nothing fits."""
     first, ends = next(iter(found)), {}
     if s is not None and s.ndim == 3:
         ends = {0: s.shape[0], 2: s.shape[2]}
     for key, w in found.items():
+        if ours and ends.get(0) == w.size:
+            return key, 0, False
         if list(ends.values()).count(w.size) == 1:
             return key, next(a for a, size in ends.items() if size == w.size), False
     if found[first].size in ends.values() or listed is None or not listed.size:

@@ -167,13 +167,10 @@ def _binary_of(header, of):
 
 
 def _beside(path, names):
-    """The files beside path of these names, in their order; in another case where none is spelt
-    so."""
-    there, found = [p for p in path.parent.iterdir() if p.is_file()], []
-    for name in names:
-        alike = [p for p in there if p.name.lower() == name.lower()]
-        found += [p for p in alike if p.name == name] or alike
-    return found
+    """The files beside path of these names, in their order; in another case if none is spelt so."""
+    there = [p for p in path.parent.iterdir() if p.is_file()]
+    exact = [p for name in names for p in there if p.name == name]
+    return exact or [p for name in names for p in there if p.name.lower() == name.lower()]
 
 
 def _numbers(header, binary, kinds):
@@ -291,10 +288,14 @@ class _Header:
     def ignored(self):
         """The finite number that stands for no measurement; None if nothing does, or what is no
         number anyway."""
-        text = self.word("data ignore value", "nan").lower().lstrip("+-")
-        if text.startswith(("nan", "inf", "1.#")):
+        text = self.word("data ignore value", "").strip("{} ")
+        if not text or "#" in text:  # as Windows writes what is no number: -1.#IND
             return None
-        return self.numbers("data ignore value", 1)[0]
+        try:
+            value = float(text)
+        except ValueError as e:
+            raise self.error(f"data ignore value must be a number, not {text[:60]!r}") from e
+        return value if math.isfinite(value) else None
 
     def whole(self, key, default=None, least=0):
         """A whole number."""

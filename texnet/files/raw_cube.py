@@ -47,7 +47,8 @@ EVENEST = 0.1
 THIN = 0.05  # or less are bands as wide as they are apart where the unit of widths is wrong
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
-AS_TEXT = 1e-5  # or less is a float off from what a header writes of it in a few digits
+# of a float that no scene shows, a header may write a few digits alone
+UNREAL, AS_TEXT = 1e6, 1e-5
 
 
 class RawCube(NamedTuple):
@@ -238,7 +239,10 @@ def is_ignored(numbers, ignore):
         return np.zeros(numbers.shape, bool)
     if numbers.dtype.kind != "f":
         return numbers == ignore
-    return np.abs(numbers.astype(np.float64) - ignore) <= AS_TEXT * abs(ignore)
+    with np.errstate(over="ignore"):
+        if abs(ignore) < UNREAL:
+            return numbers == numbers.dtype.type(ignore)
+        return np.abs(numbers / ignore - 1) <= AS_TEXT
 
 
 def _typical_k(radiance, w, unit):
