@@ -205,6 +205,13 @@ def test_permuting_library_and_environment_permutes_the_answer(runtime):
     assert_close(b, a)
 
 
+@pytest.mark.parametrize("said, threads", [("1", 1), ("2,1", 2), ("0", 2), ("many", 2), ("9", 2)])
+def test_as_many_threads_as_cores_or_as_the_environment_says(monkeypatch, said, threads):
+    monkeypatch.setattr("physics.machinery.threads.cores", lambda: 2)
+    monkeypatch.setenv("OMP_NUM_THREADS", said)
+    assert Runtime(PATH).at_once == threads and Runtime(PATH, threads=3).at_once == 3
+
+
 def test_the_answer_needs_no_torch(runtime, tmp_path):
     image, known = scene()
     np.savez(tmp_path / "scene.npz", image=image, **known)

@@ -14,7 +14,7 @@ import onnxruntime
 from physics.by_tiles import by_tiles
 from physics.errors import InputError
 from physics.known import Known
-from physics.machinery.threads import cores
+from physics.machinery.threads import usual_threads
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 
 from .methods import ONNX
@@ -29,8 +29,8 @@ class Runtime:
 
     path     as `texnet export` wrote it; keeps the memory that its tiles take, half of TILE_BYTES
              each
-    threads  tiles at once, in however many threads it runs; as many as there are cores, at most
-             MOST_AT_ONCE, if None
+    threads  tiles at once, in however many threads it runs; if None, as many as there are cores,
+             or OMP_NUM_THREADS, and at most MOST_AT_ONCE
 
     at_once is how many tiles that is. about is the file's metadata, JSON parsed: format,
     texnet_version, history (how the weights came about), meaning (of inputs and outputs), library
@@ -43,7 +43,7 @@ class Runtime:
     def __init__(self, path, threads=None):
         onnxruntime.disable_telemetry_events()
         options = onnxruntime.SessionOptions()
-        self.at_once = threads or min(cores(), MOST_AT_ONCE)
+        self.at_once = threads or min(usual_threads(), MOST_AT_ONCE)
         self._slots = BoundedSemaphore(self.at_once)
         options.intra_op_num_threads = 1
         options.log_severity_level = 3  # errors, which it raises too

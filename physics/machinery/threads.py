@@ -5,10 +5,14 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 
 def cores():
-    """How many cores this process may use, by OMP_NUM_THREADS, too, as other packages have it."""
-    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+
+
+def usual_threads():
+    """As many as there are cores, or OMP_NUM_THREADS, as other packages have it."""
     most = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0]
-    return min(there, int(most)) if most.isdecimal() and int(most) else there
+    return min(cores(), int(most)) if most.isdecimal() and int(most) else cores()
 
 
 def in_threads(work, items, threads, progress=None):
