@@ -37,6 +37,7 @@ INPUTS = {
     "emissivity": (("materials", "bands", "nodes"), "0..1, the library at the nodes"),
     "is_sky": (("materials",), "1 for the sky, else 0"),
     "environment": (("k", "bands"), f"{SPECTRUM}, spectra of the environment objects"),
+    "light": (("k", "bands", "nodes"), f"{SPECTRUM}, the same at the nodes"),
     "sky_object": (("k",), "1 for the objects that stand for the sky, else 0"),
     "spread": (("spreads", "bands"), f"{SPECTRUM}, deviations of the surroundings"),
     "skylight_spread": (("skylight_spreads", "bands"), f"{SPECTRUM}, those of the sky's light"),

@@ -21,11 +21,15 @@ def quadrature(wavelength_um, fwhm_um):
     return centre[:, None] + width[:, None] * offsets
 
 
-def band_means(spectrum, nodes_um):
-    """(..., bands) means over each band's nodes (bands, n) of a spectrum, (m,) ascending um ->
-    (..., m)."""
+def at_nodes(spectrum, nodes_um):
+    """(..., bands, n) a spectrum, (m,) ascending um -> (..., m), at the nodes (bands, n)."""
     w, at = np.unique(nodes_um, return_inverse=True)
-    return spectrum(w)[..., at.reshape(nodes_um.shape)].mean(axis=-1)
+    return spectrum(w)[..., at.reshape(nodes_um.shape)]
+
+
+def band_means(spectrum, nodes_um):
+    """(..., bands) the same, averaged over each band."""
+    return at_nodes(spectrum, nodes_um).mean(axis=-1)
 
 
 def means_of_samples(wavelength_um, spectra, centre_um, fwhm_um):

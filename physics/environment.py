@@ -32,6 +32,8 @@ class Environment(ReadOnly):
     sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
                    pixel can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
+    within         (len(sky), bands, n) the sky's objects at n wavelengths within each band
+                   (`bands.quadrature`), in whatever unit; None: like a black body's
 
     Raises InputError where the data are not that.
     """
@@ -44,6 +46,7 @@ class Environment(ReadOnly):
     error_k: float = 0.0
     sky_mean: np.ndarray | None = None
     sky_spread: np.ndarray | None = None
+    within: np.ndarray | None = None
 
     def __post_init__(self):
         w = check_wavelength(self.wavelength_um, "environment")
@@ -85,6 +88,17 @@ class Environment(ReadOnly):
                 raise Implausible("environment: sky_mean must be positive.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if self.within is not None:
+            within = np.array(numbers(self.within, "environment: within"), np.float64)
+            if within.ndim != 3 or within.shape[:2] != (len(sky), w.size) or not within.size:
+                raise InputError(
+                    f"environment: within must be ({len(sky)} of the sky, {w.size} bands, n), got "
+                    f"{within.shape}."
+                )
+            if not np.isfinite(within).all() or (within <= 0).any():
+                raise InputError("environment: within must be finite and positive.")
+            within.setflags(write=False)
+            object.__setattr__(self, "within", within)
         s.setflags(write=False)
         object.__setattr__(self, "radiance", s)
         object.__setattr__(self, "sky", sky)
@@ -106,7 +120,18 @@ class Environment(ReadOnly):
         names = "radiance", "spread", "skylight_spread", "sky_mean", "sky_spread"
         given = {n: a for n in names if (a := getattr(self, n)) is not None}
         cut = {n: a[..., good] for n, a in given.items()}
+        if self.within is not None:
+            cut["within"] = self.within[:, good]
         return replace(self, wavelength_um=self.wavelength_um[good], **cut)
+
+    def at_nodes(self, nodes_um):
+        """(k, bands, n) the objects' spectra at nodes (bands, n) within each band, um, of which
+        `radiance` is the mean."""
+        seen_k = brightness_temperature(self.wavelength_um, self.radiance)
+        light = planck(nodes_um, seen_k[..., None])
+        if self.within is not None and self.within.shape[2] == nodes_um.shape[1]:
+            light[list(self.sky)] = self.within
+        return light * (self.radiance / light.mean(axis=-1))[..., None]
 
     def off_by(self, kelvin):
         """The Environment whose objects may all together be so many K warmer or colder (one

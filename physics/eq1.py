@@ -24,26 +24,31 @@ def heat_signal(temperature_k, emissivity, texture, wavelength_um):
     temperature_k  (...)         K
     emissivity     (..., bands)  0..1; soft material weights w (..., materials) enter
                                  as ``w @ library_emissivity``; at nodes (..., bands, n)
-    texture        (..., bands)  X, W m-2 sr-1 um-1
-    wavelength_um  (bands,)      um, of narrow bands; or (bands, n) nodes over which a wide
-                                 band's e B(T) is averaged, as `bands.quadrature` makes them
+    texture        (..., bands)  X, W m-2 sr-1 um-1; or at nodes (..., bands, n)
+    wavelength_um  (bands,)      um, of narrow bands; or (bands, n) nodes over which S of a wide
+                                 band is averaged, as `bands.quadrature` makes them
     """
     if wavelength_um.ndim == 1:
         wavelength_um, emissivity = wavelength_um[:, None], emissivity[..., None]
-    glow = (emissivity * planck(wavelength_um, temperature_k[..., None, None])).mean(-1)
-    return glow + (1 - emissivity.mean(-1)) * texture
+    if texture.ndim == temperature_k.ndim + 1:
+        texture = texture[..., None]
+    b = planck(wavelength_um, temperature_k[..., None, None])
+    return (emissivity * b + (1 - emissivity) * texture).mean(-1)
 
 
 def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_um):
     """S and X, each (..., bands), of T, e, V and the environment.
 
     thermal_lighting  (..., k)    V >= 0, summing to 1
-    environment       (k, bands)  S_1..S_k, W m-2 sr-1 um-1
+    environment       (k, bands)  S_1..S_k, W m-2 sr-1 um-1; or at nodes (k, bands, n)
 
     The rest is as in `heat_signal`.
     """
-    texture = thermal_lighting @ environment
-    return heat_signal(temperature_k, emissivity, texture, wavelength_um), texture
+    k, *of_band = environment.shape
+    texture = thermal_lighting @ environment.reshape(k, -1)
+    texture = texture.reshape(*texture.shape[:-1], *of_band)
+    s = heat_signal(temperature_k, emissivity, texture, wavelength_um)
+    return s, texture if len(of_band) == 1 else texture.mean(-1)
 
 
 def physics_loss(

@@ -30,7 +30,7 @@ import numpy as np
 from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
-from .bands import band_means, quadrature
+from .bands import at_nodes, quadrature
 from .cube.dead_pixels import FEW, lit
 from .cube.heat_cube import HeatCube
 from .cube.hot import split_hot, spread_of_hot
@@ -171,13 +171,13 @@ class Sample:
                 f"environment: k = {k} objects need at least {k} pixels, got {pixels}."
             )
         cube, spectra, sky = self.cube, self.spectra, self.sky
-        deviations, error_k = np.zeros((0, cube.bands)), ERROR_K
+        deviations, error_k, within = np.zeros((0, cube.bands)), ERROR_K, None
         if skies is not None:
             skies = skies / cube.sigma
         elif sky.any() and k > 1:
-            skies, deviations = self._skies_overhead(k)
+            skies, deviations, within = self._skies_overhead(k)
         elif assume_sky and k > 1 and self.library.sky_index is not None:
-            skies, deviations = self._assumed_sky()
+            skies, deviations, within = self._assumed_sky()
             error_k = ASSUMED_ERROR_K
         else:
             skies = deviations
@@ -191,11 +191,12 @@ class Sample:
         return Environment(
             np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
             tuple(range(len(skies))), spread, _principal(deviations, 0.0) * cube.sigma,
-            error_k, **self.of_sky(),
+            error_k, within=within, **self.of_sky(),
         )  # fmt: skip
 
     def _skies_overhead(self, k):
-        """The sky's objects among k and their deviations, (n, bands) each, from the sky in view."""
+        """The sky's objects among k and their deviations, (n, bands) each, from the sky in view;
+        and the objects within each band."""
         cube, w = self.cube, self.cube.wavelength_um
         visible = self.spectra[self.inner] * cube.sigma
         cold = self.spectra[self.inner].mean(axis=1)
@@ -203,9 +204,10 @@ class Sample:
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
         air = air_temperature(w, cube.fwhm_um, visible, seen, scene_k)
         shares = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]
-        skies = overhead(w, cube.fwhm_um, cube.sigma, seen, *air, shares) / cube.sigma
+        skies, within = overhead(w, cube.fwhm_um, cube.sigma, seen, *air, shares)
         mean = skies.mean(axis=0)
-        return mean, (skies - mean).reshape(-1, cube.bands)
+        deviations = (skies - mean) / cube.sigma
+        return mean / cube.sigma, deviations.reshape(-1, cube.bands), within
 
     def _assumed_sky(self):
         """The same of a sky that is not in view, which is one object."""
@@ -217,9 +219,10 @@ class Sample:
             air = usual_atmosphere(np.median(t) + warmer)
             air = replace(air, water_cm=min(vapour * air.water_cm, MOST_WATER_CM))
             above = partial(sky_radiance, cos_zenith=[cosine], atmosphere=air)
-            skies.append(band_means(above, nodes)[0])
-        skies = np.array(skies) / cube.sigma
-        return skies[:1], skies - skies[0]
+            skies.append(at_nodes(above, nodes)[0])
+        within = np.array(skies)
+        skies = within.mean(axis=-1) / cube.sigma
+        return skies[:1], skies - skies[0], within[:1]
 
     def of_sky(self):
         """What an Environment has of the sky's own pixels, by name; nothing if there are none."""

@@ -10,11 +10,12 @@ normal number. The spectrum of a pixel of hypothesis h is then Gaussian too. In 
 with, in the rows of F_h, what the pixel is free in, one standard deviation long:
 
     g_h spread, g_h skylight_spread, alpha sky_spread, alpha's own step       (deviations)
-    g_h (S_j - mean S) / sqrt(3 k)                                         (lighting, x_V)
+    (1 - alpha)(1 - e_m)(S_j - mean S) / sqrt(3 k)                         (lighting, x_V)
     (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
 
-g_h = (1 - alpha)(1 - e_m). Of s only z = U s is looked at, the few components (`basis`) in
-which the scene's spectra differ by more than noise. With U C_h U' = L L',
+g_h = (1 - alpha)(1 - e_m); of wide bands e_m B and (1 - e_m) S_j are the means of products. Of s
+only z = U s is looked at, the few components (`basis`) in which the scene's spectra differ by more
+than noise. With U C_h U' = L L',
 
     w = L^-1 (z - U mu),         log p(z | h) = -|w|^2 / 2 - log det(L) + log prior,
     x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
@@ -143,7 +144,9 @@ def hypotheses_of(known) -> Hypotheses:
     glow = (e[:, None] * series).mean(axis=-1)[material] / sigma  # (R, n + 1, bands)
     glow = glow * (1 - sky_share)[:, None, None]
     reflected = (1 - sky_share)[:, None] * (1 - e.mean(axis=-1)[material])
-    usual = x["environment"].mean(axis=0)
+    light = np.einsum("mbn,kbn->mkb", 1 - e, x["light"])[material] / e.shape[-1]
+    light = light * (1 - sky_share)[:, None, None] / sigma  # (R, k, bands)
+    usual = light.mean(axis=1)
     black = series[0].mean(axis=-1)
     of_reflected = (reflected / sigma)[:, None]
     alpha_step = share_sigma[:, None] * (x["sky_mean"] - black)
@@ -152,10 +155,10 @@ def hypotheses_of(known) -> Hypotheses:
         of_reflected * x["skylight_spread"],
         sky_share[:, None, None] * (x["sky_spread"] / sigma),
         (alpha_step / sigma)[:, None],
-        of_reflected * ((x["environment"] - usual) * lighting_scale(k)),
+        (light - usual[:, None]) * lighting_scale(k),
         glow[:, 1:],
     ], axis=1)  # fmt: skip
-    mean = glow[:, 0] + of_reflected[:, 0] * usual + sky_share[:, None] * x["sky_mean"] / sigma
+    mean = glow[:, 0] + usual + sky_share[:, None] * x["sky_mean"] / sigma
     r, scale = k + TERMS, np.sqrt((x["basis"] ** 2).sum(axis=1))
     basis = x["basis"] / scale[:, None]
     rows, error = rows @ basis.T, (reflected * x["error"] / sigma) ** 2

@@ -27,7 +27,8 @@ class Known(NamedTuple):
 
     nodes_um (bands, n) um, quadrature nodes of every band; sigma (bands,) its noise;
     emissivity (materials, bands, n) at the nodes; is_sky (materials,) 1 for the sky, else 0;
-    environment (k, bands); sky_object (k,) 1 for the objects that stand for the sky;
+    environment (k, bands), and light (k, bands, n), the same at the nodes;
+    sky_object (k,) 1 for the objects that stand for the sky;
     spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
     sky_mean (bands,), or zeros where no sky is in view;
     prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
@@ -42,6 +43,7 @@ class Known(NamedTuple):
     emissivity: np.ndarray
     is_sky: np.ndarray
     environment: np.ndarray
+    light: np.ndarray
     sky_object: np.ndarray
     spread: np.ndarray
     skylight_spread: np.ndarray
@@ -84,7 +86,8 @@ def known_arrays(cube, library, environment):
     basis = _basis(s, cube, curves.mean(axis=-1), environment, mean, spread)
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=library.is_sky,
-        environment=environment.radiance, sky_object=sky_object, spread=environment.spread,
+        environment=environment.radiance, light=environment.at_nodes(nodes),
+        sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
         prior_k=np.array([mean, spread]), basis=basis,

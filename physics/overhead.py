@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bands import band_means, quadrature
+from .bands import at_nodes, band_means, quadrature
 from .planck import brightness_temperature, planck, planck_derivative
 from .sky import AIR_MASSES, MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
 
@@ -52,7 +52,8 @@ class _Air(NamedTuple):
 
 
 def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
-    """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely.
+    """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely; and the model's own
+    (shares, bands, n) at the nodes of each band.
 
     wavelength_um, fwhm_um  (bands,) um
     noise, seen             (bands,) standard deviation and spectrum of the clearest sky in view
@@ -67,7 +68,7 @@ def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
 
     def model(x, shares=(0.0,)):
         air = _Air(*(mean + scale * x))
-        return air.temperature_k, _skies(nodes, air, np.asarray(shares))
+        return air.temperature_k, _skies(nodes, air, np.asarray(shares)).mean(axis=-1)
 
     def deviation(x):
         """Of the model from the sky in view, in standard deviations of either."""
@@ -76,13 +77,14 @@ def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
 
     x, spread = _most_likely(deviation, len(mean))
     points = x + len(mean) ** 0.5 * np.concatenate([spread.T, -spread.T])
-    return np.array([_through(wavelength_um, seen, *model(p, (0.0, *shares))) for p in points])
+    skies = [_through(wavelength_um, seen, *model(p, (0.0, *shares))) for p in points]
+    return np.array(skies), _skies(nodes, _Air(*(mean + scale * x)), np.asarray(shares))
 
 
 def _skies(nodes, air, shares):
-    """(shares, bands) of the model."""
+    """(shares, bands, n) of the model."""
     mass = np.minimum(np.exp(max(air.mass, 0.0) * (1 - shares)), AIR_MASSES[-1])
-    return band_means(lambda w: sky_along(w, mass, air.atmosphere()), nodes)
+    return at_nodes(lambda w: sky_along(w, mass, air.atmosphere()), nodes)
 
 
 def _error(wavelength_um, seen, noise, air_k):

@@ -56,15 +56,16 @@ def test_permuting_the_environment_with_its_lighting_changes_nothing():
 
 
 def test_a_wide_band_is_the_mean_of_narrow_ones():
-    """By nodes as by many narrow bands, where the surroundings do not vary within a band."""
+    """By nodes as by many narrow bands, whether the surroundings vary within a band or not."""
     t, e, v, env = scene(4)
     e, nodes = RNG.uniform(0.1, 0.99, (4, 3, 16)), quadrature([9.0, 11.0, 13.0], [2.0] * 3)
     env = env[:, :3]
-    s, x = render(t, e, v, env, nodes)
-    flat = np.repeat(env, 16, axis=1)
-    narrow, _ = render(t, e.reshape(4, -1), v, flat, nodes.ravel())
-    np.testing.assert_allclose(s, narrow.reshape(4, 3, 16).mean(-1), rtol=1e-12)
-    np.testing.assert_array_equal(x, render(t, e.mean(-1), v, env, nodes.mean(-1))[1])
+    uneven = env[..., None] * RNG.uniform(0.5, 1.5, (3, 3, 16))
+    for given, fine in ((env, np.repeat(env, 16, axis=1)), (uneven, uneven.reshape(3, -1))):
+        s, x = render(t, e, v, given, nodes)
+        narrow, texture = render(t, e.reshape(4, -1), v, fine, nodes.ravel())
+        np.testing.assert_allclose(s, narrow.reshape(4, 3, 16).mean(-1), rtol=1e-12)
+        np.testing.assert_allclose(x, texture.reshape(4, 3, 16).mean(-1), rtol=1e-12)
     # a grey band's glow at its centre is colder than the band's by many times the noise
     glow = planck(nodes, 300.0).mean(-1) - planck(nodes.mean(-1), 300.0)
     assert np.abs(glow / noise_sigma(nodes.mean(-1), 0.05)).max() > 3
@@ -77,8 +78,10 @@ def test_gradients_in_every_argument():
     t, e, v, env = args
     nodes = torch.tensor(quadrature([9.0, 12.0], [2.0, 2.0]))
     e = torch.rand(2, *nodes.shape, dtype=e.dtype, requires_grad=True)
-    args = t, e, v, env[:, :2].detach().requires_grad_()
-    assert torch.autograd.gradcheck(lambda *a: render(*a, nodes), args)
+    uneven = torch.rand(3, *nodes.shape, dtype=e.dtype)
+    for given in (env[:, :2].detach(), uneven):
+        args = t, e, v, given.requires_grad_()
+        assert torch.autograd.gradcheck(lambda *a: render(*a, nodes), args)
 
 
 def test_soft_material_weights_reach_the_library_curve():

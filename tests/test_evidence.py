@@ -46,8 +46,9 @@ def curves(materials, depth, sky, seed):
     return MaterialLibrary(names, w, e)
 
 
-def surroundings(w, k, rich, sky):
-    """A cold object and warm ones; rich: with every kind of deviation."""
+def surroundings(w, nodes, k, rich, sky):
+    """A cold object and warm ones; rich: with every kind of deviation, and the sky uneven within
+    bands."""
     cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
     warm = [planck(w, t) * (1 + 0.01 * np.sin(i + w)) for i, t in
             enumerate(np.linspace(280, 310, k - 1))]  # fmt: skip
@@ -61,6 +62,7 @@ def surroundings(w, k, rich, sky):
         if rich:
             more["skylight_spread"] = 0.03 * cold[None] * np.cos(w)
             more["sky_spread"] = 0.03 * np.stack([cold * np.cos(2 * w), cold])
+            more["within"] = 1 + 0.3 * np.sin(30 * nodes)[None]
     return Environment(np.stack([cold, *warm]), w, **more)
 
 
@@ -77,7 +79,7 @@ class World:
         self.nodes = quadrature(self.wavelength, self.width)
         self.sigma = noise_sigma(self.wavelength, netd)
         self.library = curves(materials, depth, sky, seed) if library is None else library
-        self.environment = surroundings(self.wavelength, k, rich, sky)
+        self.environment = surroundings(self.wavelength, self.nodes, k, rich, sky)
         n = shape[0] * shape[1]
         of = lambda given, drawn: drawn if given is None else given
         ground = np.setdiff1d(np.arange(len(self.library)), [of(self.library.sky_index, -1)])
@@ -90,11 +92,13 @@ class World:
         self.cube = self.cube_of(self.spectra)
 
     def render(self, material, temperature, lighting, deviation=0.0):
-        """Eq. 1 by band means -> S and X (P, bands)."""
+        """Eq. 1 within bands -> means of S and X (P, bands)."""
         e = self.library.at(self.nodes.ravel()).reshape(len(self.library), *self.nodes.shape)
-        glow = (e[material] * planck(self.nodes, temperature[:, None, None])).mean(axis=-1)
-        texture = lighting @ self.environment.radiance + deviation
-        return glow + (1 - e.mean(axis=-1)[material]) * texture, texture
+        e = e[material]
+        glow = e * planck(self.nodes, temperature[:, None, None])
+        texture = np.tensordot(lighting, self.environment.at_nodes(self.nodes), 1)
+        texture = texture + np.asarray(deviation)[..., None]
+        return (glow + (1 - e) * texture).mean(axis=-1), texture.mean(axis=-1)
 
     def cube_of(self, spectra, shape=None):
         s = spectra.T.reshape(self.bands, *(shape or self.shape))
@@ -160,9 +164,10 @@ class Dense:
         he = [hermite_e.hermeval(t, np.eye(6)[n]) / math.sqrt(math.factorial(n)) for n in range(6)]
         series = [np.tensordot(density * he[n], b, 1) for n in range(TERMS + 1)]
         glow = [(1 - alpha) * (nodes_e * c).mean(axis=-1) / x.sigma for c in series]
-        centre, black = x.environment.mean(axis=0), series[0].mean(axis=-1)
-        self.black = black
-        self.mu = glow[0] + (g * centre + alpha * x.sky_mean) / x.sigma
+        light = [((1 - alpha) * (1 - nodes_e) * s).mean(axis=-1) for s in x.light]
+        centre, black = np.mean(light, axis=0), series[0].mean(axis=-1)
+        self.black, self.light = black, np.array(light)
+        self.mu = glow[0] + (centre + alpha * x.sky_mean) / x.sigma
         self.D = 1 + (g * x.error / x.sigma) ** 2
         self.d = len(x.spread) + len(x.skylight_spread) + len(x.sky_spread) + 1
         self.F = np.array(
@@ -170,7 +175,7 @@ class Dense:
             + [g * row / x.sigma for row in x.skylight_spread]
             + [alpha * row / x.sigma for row in x.sky_spread]
             + [alpha_sigma * (x.sky_mean - black) / x.sigma]
-            + [g * (s - centre) / math.sqrt(3 * k) / x.sigma for s in x.environment]
+            + [(s - centre) / math.sqrt(3 * k) / x.sigma for s in light]
             + glow[1:]
         )
         self.series = series
@@ -196,7 +201,7 @@ class Dense:
         x = self.known
         b = planck(x.nodes_um, x.prior_k[0] + x.prior_k[1] * t)
         glow = (1 - self.alpha) * (self.nodes_e * b).mean(axis=-1)
-        return (glow + self.g * (lighting @ x.environment) + self.alpha * x.sky_mean) / x.sigma
+        return (glow + lighting @ self.light + self.alpha * x.sky_mean) / x.sigma
 
     def log_density(self, s):
         """(P,) log N(s; mu, C) + log prior, less the constant of 2 pi."""
@@ -491,7 +496,8 @@ def test_permutations():
     both = np.concatenate([order, 6 + order])
     of_both = h._replace(precision=h.precision[both])
     same(evidence(hypotheses(shuffled), s), [a[both] for a in ours], of_both)
-    turned = known._replace(environment=known.environment[[2, 0, 3, 1]])
+    order = [2, 0, 3, 1]
+    turned = known._replace(environment=known.environment[order], light=known.light[order])
     theirs = evidence(hypotheses(turned), s)
     back = [1, 3, 0, 2, *range(4, 4 + TERMS)]
     same((theirs[0], theirs[1][:, back]), ours, h)

@@ -197,7 +197,8 @@ def test_permuting_library_and_environment_permutes_the_answer(runtime):
     m, j = rng.permutation(8), rng.permutation(3)
     turned = known | {
         "emissivity": known["emissivity"][m], "is_sky": known["is_sky"][m],
-        "environment": known["environment"][j], "sky_object": known["sky_object"][j],
+        "environment": known["environment"][j], "light": known["light"][j],
+        "sky_object": known["sky_object"][j],
     }  # fmt: skip
     a, b = runtime.run(image, known), runtime.run(image, turned)
     b["material"] = m[b["material"]]

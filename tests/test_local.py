@@ -8,6 +8,7 @@ from conftest import small_environment
 from scipy.optimize import minimize
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.bands import at_nodes, equidistant_bands, quadrature
 from physics.eq1 import render
 from physics.exact.local import HOPELESS, _over_minima, energy_given, solve_given, solve_local
 from physics.exact.reduced import reduce_model
@@ -221,6 +222,30 @@ def test_an_environment_can_be_off_by_some_kelvin_only(pixels):
     for kelvin in (-1, 101, np.nan, "much", [1.0]):
         with pytest.raises(InputError):
             pixels.environment.off_by(kelvin)
+
+
+def test_of_a_wide_band_the_light_within_counts():
+    """Stone and glass are dark where the sky is bright: the mean of their product is another than
+    the product of their means, by several times the noise."""
+    centre, width = equidistant_bands(4)
+    nodes, rng, n = quadrature(centre, width), np.random.default_rng(0), 2000
+    library = MaterialLibrary.starter().subset(["sandstone", "glass", "granite"])
+    sky = at_nodes(lambda w: sky_radiance(w, [0.6], Atmosphere(288.0, 1.0)), nodes)
+    light = np.concatenate([sky, planck(nodes, 290.0)[None]])
+    environment = Environment(light.mean(axis=-1), centre, sky=(0,), within=sky)
+    material, t, v = rng.integers(0, 3, n), rng.normal(290, 5, n), rng.dirichlet(np.ones(2), n)
+    s = render(t, library.at(nodes)[material], v, light, nodes)[0]
+    s = s + noise_sigma(centre, 0.05) * rng.normal(size=s.shape)
+    cube = HeatCube(s.T.reshape(4, 40, 50), centre, width, 0.05)
+
+    def misfit(environment):
+        model = reduce_model(cube, library, environment)
+        cost = energy_given(model, cube.spectra, material, t, v) - model.occam[material]
+        cost -= 0.5 * ((t - model.prior_mean_k) / model.prior_sigma_k) ** 2
+        return (cost - 3 * ((v - 0.5) ** 2).sum(axis=1)).mean()
+
+    assert misfit(environment) == pytest.approx(len(centre) / 2, rel=0.1)
+    assert misfit(replace(environment, within=None)) > 2 * misfit(environment)
 
 
 def test_metal_warmer_than_anything_looks_is_within_reach():

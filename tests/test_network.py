@@ -66,7 +66,9 @@ def test_permuting_the_environment_permutes_lighting_alone():
     known, order = world.known(), [2, 0, 3, 1]
     a = predict(net, known, world.cube)
     turned = known._replace(
-        environment=known.environment[order], sky_object=known.sky_object[order]
+        environment=known.environment[order],
+        light=known.light[order],
+        sky_object=known.sky_object[order],
     )
     b = predict(net, turned, world.cube)
     assert_same(a._replace(log_lighting=a.log_lighting[order]), b, 2e-3)

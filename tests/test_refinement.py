@@ -393,7 +393,8 @@ def test_permuting_the_environment_permutes_lighting_alone():
     world = World(k=4, seed=8)
     start, order = Start(world), [2, 0, 3, 1]
     turned = Start(world)
-    turned.set(start.known._replace(environment=start.known.environment[order]))
+    of = start.known
+    turned.set(of._replace(environment=of.environment[order], light=of.light[order]))
     a, b = start.refine(), turned.refine()
     np.testing.assert_allclose(a.lighting[..., order], b.lighting, atol=2e-3)
     np.testing.assert_allclose(a.t, b.t, atol=0.02 * a.sigma.min())

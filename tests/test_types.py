@@ -12,6 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.bands import quadrature
 from physics.cube.heat_cube import sampling_step
 from physics.planck import brightness_temperature, noise_sigma, planck
 
@@ -164,6 +165,11 @@ def test_wrong_libraries(change, word):
         (dict(error_k=[0.1, 0.2]), "error_k"),
         (dict(error_k="x"), "error_k"),
         (dict(sky_mean=np.zeros(5)), "sky_mean must be positive"),
+        (dict(within=np.ones((1, 5, 3))), "within must be (0 of the sky, 5 bands, n)"),
+        (dict(sky=(0,), within=np.ones((1, 4, 3))), "within must be (1 of the sky, 5 bands, n)"),
+        (dict(sky=(0,), within=np.ones((1, 5))), "within must be"),
+        (dict(sky=(0,), within=np.zeros((1, 5, 3))), "within must be finite and positive"),
+        (dict(sky=(0,), within=np.full((1, 5, 3), np.nan)), "within must be finite and positive"),
     ],
 )
 def test_wrong_environments(change, word):
@@ -186,7 +192,8 @@ def arguments():
                                albedo_rgb=rng.uniform(size=(3, 3)), descriptions=list("abc"))),
         (Environment, dict(radiance=np.array(S[:, :2, 0].T), wavelength_um=np.array(W),
                            sky=(0,), spread=rng.normal(size=(2, 5)), error_k=0.1,
-                           sky_mean=rng.uniform(1, 2, 5), sky_spread=rng.normal(size=(1, 5)))),
+                           sky_mean=rng.uniform(1, 2, 5), sky_spread=rng.normal(size=(1, 5)),
+                           within=rng.uniform(1, 2, (1, 5, 3)))),
     ]  # fmt: skip
 
 
@@ -433,6 +440,22 @@ def test_library_file(tmp_path):
 
 
 # --- Environment ------------------------------------------------------------------------------
+
+
+def test_light_within_bands_has_the_mean_that_is_stated():
+    s = S[:, :2, 0].T
+    nodes = quadrature(W, np.full(5, 1.0))
+    shape = np.random.default_rng(0).uniform(0.5, 1.5, (1, *nodes.shape))
+    light = Environment(s, W, (1,), within=shape).at_nodes(nodes)
+    np.testing.assert_allclose(light.mean(axis=-1), s)
+    np.testing.assert_allclose(light[1] / light[1, :, :1], shape[0] / shape[0, :, :1])
+    # what is not told is like a black body, and so is what was told of other bands
+    black = planck(nodes, brightness_temperature(W, s[0])[:, None])
+    np.testing.assert_allclose(light[0] / light[0, :, :1], black / black[:, :1])
+    few = quadrature(W, np.full(5, 0.3))
+    np.testing.assert_array_equal(
+        Environment(s, W, (1,), within=shape).at_nodes(few), Environment(s, W).at_nodes(few)
+    )
 
 
 def test_sky_of_an_environment():

@@ -262,9 +262,12 @@ def _texture(known, h, spectra, chosen, e_of_m, temperature, v, off):
     glow = (e_of_m * planck(known.nodes_um[..., None], temperature)).mean(1)
     n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
     skylight = known.skylight_spread.t() @ off[n:d]
-    texture = known.environment.t() @ v + known.spread.t() @ off[:n] + skylight
+    deviation = known.spread.t() @ off[:n] + skylight
+    light = (known.light.flatten(1).t() @ v).unflatten(0, known.nodes_um.shape)
+    reflected = ((1 - e_of_m) * (light + deviation[:, None])).mean(1)
+    texture = light.mean(1) + deviation
     of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[d:-1]
-    rendered = (1 - share) * (glow + (1 - e_of_m.mean(1)) * texture) + share * of_sky
+    rendered = (1 - share) * (glow + reflected) + share * of_sky
     rendered = rendered + of_rows(h.alpha_step, chosen) * off[-1]
     misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
     v_sky = v * known.sky_object[:, None]

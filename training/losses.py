@@ -53,7 +53,7 @@ def eq1_loss(prediction, known, radiance):
     )
     misfit = physics_loss(
         radiance.movedim(0, -1), prediction.temperature_k, emissivity,
-        prediction.log_lighting.exp().movedim(0, -1), known.environment, known.nodes_um,
+        prediction.log_lighting.exp().movedim(0, -1), known.light, known.nodes_um,
         known.sigma,
     )  # fmt: skip
     ground = 1 - (p * known.is_sky[:, None, None]).sum(0).detach()

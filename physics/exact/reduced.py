@@ -163,8 +163,10 @@ def reduce_model(
     emissivity = curves.mean(axis=-1)[of.material]
     series = _planck_series(nodes, curves, sigma, t.mid, t.half)[of.material]  # (R, n, bands)
     terms = series.shape[1]
+    light = environment.at_nodes(nodes)
+    light = np.einsum("mbn,kbn->mkb", 1 - curves, light)[of.material] / nodes.shape[1]
     reflected = (1 - of.sky_share)[:, None] * (1 - emissivity)  # what of the surroundings shows
-    a, u = _rows(of, series, reflected, environment, sigma, planck(w, t.prior_mean))
+    a, u = _rows(of, series, light, reflected, environment, sigma, planck(w, t.prior_mean))
     error = noise_sigma(w, environment.error_k) / sigma
     scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
@@ -228,11 +230,12 @@ def _mixtures(library, environment):
     return Mixtures(*(a[there] for a in of))
 
 
-def _rows(of, series, reflected, environment, sigma, black):
-    """A' (R, r, bands) and U' (R, d, bands) of Mixtures; black (bands,) is B(T_prior)."""
+def _rows(of, series, light, reflected, environment, sigma, black):
+    """A' (R, r, bands) and U' (R, d, bands) of Mixtures; light (R, k, bands) is (1 - e_m) S_j,
+    black (bands,) B(T_prior)."""
     share, reflected = of.sky_share[:, None, None], reflected[:, None]
     sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
-    a = np.concatenate([(1 - share) * series, reflected * environment.radiance / sigma], axis=1)
+    a = np.concatenate([(1 - share) * series, (1 - share) * light / sigma], axis=1)
     a[:, 0] += share[:, 0] * sky_mean / sigma
     u = np.concatenate(
         [
