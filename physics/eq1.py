@@ -24,15 +24,17 @@ def heat_signal(temperature_k, emissivity, texture, wavelength_um):
     temperature_k  (...)         K
     emissivity     (..., bands)  0..1; soft material weights w (..., materials) enter
                                  as ``w @ library_emissivity``; at nodes (..., bands, n)
-    texture        (..., bands)  X, W m-2 sr-1 um-1; or at nodes (..., bands, n)
+    texture        (..., bands)  X, W m-2 sr-1 um-1
     wavelength_um  (bands,)      um, of narrow bands; or (bands, n) nodes over which S of a wide
                                  band is averaged, as `bands.quadrature` makes them
     """
     if wavelength_um.ndim == 1:
         wavelength_um, emissivity = wavelength_um[:, None], emissivity[..., None]
-    if texture.ndim == temperature_k.ndim + 1:
-        texture = texture[..., None]
-    b = planck(wavelength_um, temperature_k[..., None, None])
+    return _over_bands(temperature_k, emissivity, texture[..., None], wavelength_um)
+
+
+def _over_bands(temperature_k, emissivity, texture, nodes_um):
+    b = planck(nodes_um, temperature_k[..., None, None])
     return (emissivity * b + (1 - emissivity) * texture).mean(-1)
 
 
@@ -47,8 +49,9 @@ def render(temperature_k, emissivity, thermal_lighting, environment, wavelength_
     k, *of_band = environment.shape
     texture = thermal_lighting @ environment.reshape(k, -1)
     texture = texture.reshape(*texture.shape[:-1], *of_band)
-    s = heat_signal(temperature_k, emissivity, texture, wavelength_um)
-    return s, texture if len(of_band) == 1 else texture.mean(-1)
+    if len(of_band) == 1:
+        return heat_signal(temperature_k, emissivity, texture, wavelength_um), texture
+    return _over_bands(temperature_k, emissivity, texture, wavelength_um), texture.mean(-1)
 
 
 def physics_loss(
