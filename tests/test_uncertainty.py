@@ -84,8 +84,8 @@ def test_a_calibration_error_is_what_moves_t(t, e, share):
 
 @pytest.mark.parametrize("name, right", [("forest", 0.2), ("street", 0.8)])
 def test_neighbours_do_not_make_sure_what_two_bands_leave_open(name, right):
-    """They share the doubt: most is unknown, and T of the rest is covered, though in the forest three
-    of four materials that are not unknown are wrong."""
+    """They share the doubt: most is unknown, and T of the rest is covered, though in the forest
+    three of four materials that are not unknown are wrong."""
     cube, truth = traced(name, 2)
     d = decompose(cube, method="sgd")
     ground = names_of(truth) != "sky"
