@@ -32,8 +32,8 @@ class Environment(ReadOnly):
     sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
                    pixel can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
-    within         (len(sky), bands, n) the sky's objects at n wavelengths within each band
-                   (`bands.quadrature`), in whatever unit; None: like a black body's
+    within         (len(sky), bands, n) the sky's objects at n wavelengths within each band, as
+                   `bands.quadrature` has them, in whatever unit; None: even
 
     Raises InputError where the data are not that.
     """
@@ -126,11 +126,18 @@ class Environment(ReadOnly):
 
     def at_nodes(self, nodes_um):
         """(k, bands, n) the objects' spectra at nodes (bands, n) within each band, um, of which
-        `radiance` is the mean."""
+        `radiance` is the mean: the sky's as `within` says, the others' like black bodies."""
+        n = nodes_um.shape[1]
+        if n == 1:
+            return self.radiance[..., None].copy()
         seen_k = brightness_temperature(self.wavelength_um, self.radiance)
         light = planck(nodes_um, seen_k[..., None])
-        if self.within is not None and self.within.shape[2] == nodes_um.shape[1]:
-            light[list(self.sky)] = self.within
+        light[list(self.sky)] = 1.0  # a sky is less like a black body than that
+        if self.within is not None:
+            m = self.within.shape[2]  # of more bands, which may have been wider
+            at, told = (np.arange(n) + 0.5) / n, (np.arange(m) + 0.5) / m
+            for j, sky in zip(self.sky, self.within, strict=True):
+                light[j] = [np.interp(at, told, band) for band in sky]
         return light * (self.radiance / light.mean(axis=-1))[..., None]
 
     def off_by(self, kelvin):

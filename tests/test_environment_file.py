@@ -323,3 +323,18 @@ def refused(capfd, files, *words):
     assert code == 2 and out == "" and not (files / "none").exists()
     assert err.startswith("texnet: error: ") and err.count("\n") == 1 and "Traceback" not in err
     return err
+
+
+def test_within_wide_bands_a_measured_sky_is_what_was_measured(tmp_path):
+    """Its mean over a band is not all that counts where materials vary in it, too."""
+    centre, width = equidistant_bands(4)
+    cube = HeatCube(np.full((4, 5, 6), 8.0), centre, width, 0.05)
+    environment, _ = read_environment(table(tmp_path / "a.csv"), cube)
+    nodes = quadrature(centre, width)
+    around = nodes[..., None] + (np.arange(50) - 24.5) / 50 * 0.125  # each node's part of a band
+    measured = np.interp(around, FINE, shine(FINE)[0]).mean(axis=-1)
+    light = environment.at_nodes(nodes)
+    assert environment.sky == (0,)
+    np.testing.assert_allclose(light[0], measured, rtol=2e-3)
+    assert np.ptp(light[0], axis=-1).min() > 0.5  # which is not even
+    np.testing.assert_allclose(light.mean(axis=-1), environment.radiance)

@@ -449,13 +449,17 @@ def test_light_within_bands_has_the_mean_that_is_stated():
     light = Environment(s, W, (1,), within=shape).at_nodes(nodes)
     np.testing.assert_allclose(light.mean(axis=-1), s)
     np.testing.assert_allclose(light[1] / light[1, :, :1], shape[0] / shape[0, :, :1])
-    # what is not told is like a black body, and so is what was told of other bands
     black = planck(nodes, brightness_temperature(W, s[0])[:, None])
     np.testing.assert_allclose(light[0] / light[0, :, :1], black / black[:, :1])
-    few = quadrature(W, np.full(5, 0.3))
-    np.testing.assert_array_equal(
-        Environment(s, W, (1,), within=shape).at_nodes(few), Environment(s, W).at_nodes(few)
-    )
+    # of as many parts of narrower bands, in between
+    few = quadrature(W, np.full(5, 0.5))
+    light = Environment(s, W, (1,), within=shape).at_nodes(few)
+    pairs = shape[0].reshape(*few.shape, 2).mean(axis=-1)
+    np.testing.assert_allclose(light[1] / light[1, :, :1], pairs / pairs[:, :1])
+    np.testing.assert_array_equal(Environment(s, W).at_nodes(W[:, None])[..., 0], s)
+    # a sky of which nothing is told is even
+    light = Environment(s, W, (1,)).at_nodes(nodes)
+    np.testing.assert_allclose(light[1], np.broadcast_to(s[1][:, None], nodes.shape))
 
 
 def test_sky_of_an_environment():

@@ -18,7 +18,7 @@ def pure_hypotheses(model):
 def fit(model, spectrum, r, fwhm_um):
     """J + occam in nats, T in K and V (k,) of a pixel (bands,) and hypothesis r.
 
-    fwhm_um (bands,) are the bands' widths: e B(T) is averaged over them as `reduce_model` does.
+    fwhm_um (bands,) are the bands' widths: Eq. 1 is averaged over them as `reduce_model` does.
     """
     from scipy.optimize import least_squares
 
@@ -46,7 +46,7 @@ def _residuals(model, spectrum, r, fwhm_um):
     library, k = model.library, model.k
     nodes = quadrature(model.wavelength_um, fwhm_um)
     curve = np.interp(nodes, library.wavelength_um, library.emissivity[model.material[r]])
-    lit = (1 - model.emissivity[r]) * model.environment.radiance
+    lit = ((1 - curve) * model.environment.at_nodes(nodes)).mean(axis=-1)
     scale, d = model.scale[r], model.deflate[:, r]
     root = np.linalg.cholesky(np.diag(scale**2) - d @ d.T).T  # P = root' root
 

@@ -14,7 +14,7 @@ rows, and its exact mean over each band is what the camera would show: the nodes
 
 import numpy as np
 
-from physics.bands import means_of_samples
+from physics.bands import means_of_samples, quadrature
 from physics.cube.heat_cube import check_wavelength
 from physics.environment import Environment
 from physics.errors import InputError
@@ -38,17 +38,23 @@ def read_environment(path, cube):
     beside = SAME_UM if cube.bands > 1 else max(SAME_UM, cube.fwhm_um[0] / 2)
     between = (w > bands[0] - beside) & (w < bands[-1] + beside)
     if between.sum() == cube.bands and np.allclose(w[between], bands, 0, SAME_UM):
-        radiance = spectra[:, between]
+        radiance, within = spectra[:, between], None
     else:
         _check_covers(w, cube, path)
         radiance = means_of_samples(w, spectra, bands, cube.fwhm_um)
+        nodes = quadrature(bands, cube.fwhm_um)
+        parts = np.repeat(cube.fwhm_um / nodes.shape[1], nodes.shape[1])
+        within = means_of_samples(w, spectra, nodes.ravel(), parts).reshape(-1, *nodes.shape)
     for i, b in np.argwhere(radiance <= 0)[:1]:
         raise InputError(
             f"environment: {names[i]} of {path} is {radiance[i, b]:.3g} at {bands[b]:.4g} um, but "
             "radiance is above 0."
         )
     sky = tuple(i for i, name in enumerate(names) if name.lower().startswith(SKIES))
-    return Environment(radiance, bands, sky), names
+    if within is not None:
+        within = within[list(sky)]
+        within = within if sky and (within > 0).all() else None
+    return Environment(radiance, bands, sky, within=within), names
 
 
 def _check_covers(w, cube, path):
