@@ -14,9 +14,10 @@ before it, U as in `reduced`) with mean
 
 the error in each band by itself, which evidence knows too, left out: with it X is no better.
 
-X = V S + D then is the texture, and X_sky gains V_sky times the skylight's part of D: the
-rest of the residual is the light of other objects. Without sky among the objects X is not
-daylight, and the residual alone (its root mean square in noise units) shows the texture.
+X = V S + D, the mean over each band, then is the texture, and X_sky gains V_sky times the
+skylight's part of D: the rest of the residual is the light of other objects. Without sky among the
+objects X is not daylight, and the residual alone (its root mean square in noise units) shows the
+texture.
 """
 
 import numpy as np
