@@ -132,7 +132,7 @@ class Environment(ReadOnly):
             return self.radiance[..., None].copy()
         seen_k = brightness_temperature(self.wavelength_um, self.radiance)
         light = planck(nodes_um, seen_k[..., None])
-        light[list(self.sky)] = 1.0  # a sky is less like a black body than that
+        light[list(self.sky)] = 1.0  # to be even is nearer to a sky than a black body
         if self.within is not None:
             m = self.within.shape[2]  # of more bands, which may have been wider
             at, told = (np.arange(n) + 0.5) / n, (np.arange(m) + 0.5) / m

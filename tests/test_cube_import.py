@@ -69,6 +69,15 @@ def mat(path, **variables):
     return path
 
 
+def arrays_file(path, arrays):
+    """A .mat or .npz file of a dict of arrays."""
+    if path.suffix == ".mat":
+        savemat(path, arrays)
+    else:
+        np.savez(path, **arrays)
+    return path
+
+
 def check_same(cube, s=S, w=W, rtol=1e-6):
     """The cube is s (bands, height, width) at w, in ascending order."""
     order = np.argsort(w)
@@ -498,11 +507,7 @@ def test_tex1500(tmp_path, in_parts, suffix, first):
         "HSI": np.zeros((2, 2, 2)), "working_wav": W[None], "hsi_wav": 0 * W[None],
         "good_band_indices": np.array([[0, 1, 3, 5]]),
     }  # fmt: skip
-    if suffix == ".mat":
-        mat(tmp_path / "a.mat", **arrays)
-    else:
-        np.savez(tmp_path / "a.npz", **arrays)
-    cube, note = import_cube(tmp_path / f"a{suffix}", "microflick")
+    cube, note = import_cube(arrays_file(tmp_path / f"a{suffix}", arrays), "microflick")
     check_same(cube, S[[0, 1, 3, 5]], W[[0, 1, 3, 5]])
     axes = "bands x height x width" if first else "height x width x bands"
     assert f"denoised_hsi_original ({axes}) over working_wav" in note
@@ -521,11 +526,7 @@ def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both, go
         "hsi": s if first else s.transpose(1, 2, 0), "working_wav": W[None, good],
         "good_bands": np.isin(np.arange(6), good).astype(mask) if mask else good,
     } | ({"hsi_wav": W} if both else {})  # fmt: skip
-    if suffix == ".mat":
-        mat(tmp_path / "a.mat", **arrays)
-    else:
-        np.savez(tmp_path / "a.npz", **arrays)
-    cube, note = import_cube(tmp_path / f"a{suffix}", "W/m2/sr/um")
+    cube, note = import_cube(arrays_file(tmp_path / f"a{suffix}", arrays), "W/m2/sr/um")
     good = np.sort(good)
     np.testing.assert_array_equal(cube.wavelength_um, W[good][::-1])
     np.testing.assert_allclose(cube.radiance[:, :2, :4], S[good][::-1], rtol=1e-6)
@@ -540,14 +541,9 @@ def test_widths_and_noise_beside_them_are_taken(tmp_path, suffix, alone, width):
     of = good if alone else np.arange(6)
     arrays = {
         "radiance": 100 * np.tile(S, (1, 4, 4)), "wavelength_um": W[of], width: widths[of],
-        "netd_k": 0.03,
-        "good_bands": good,
+        "netd_k": 0.03, "good_bands": good,
     }  # fmt: skip
-    if suffix == ".mat":
-        mat(tmp_path / "a.mat", **arrays)
-    else:
-        np.savez(tmp_path / "a.npz", **arrays)
-    cube, note = import_cube(tmp_path / f"a{suffix}", "microflick")
+    cube, note = import_cube(arrays_file(tmp_path / f"a{suffix}", arrays), "microflick")
     check_same(cube, np.tile(S, (1, 4, 4))[good], W[good])
     np.testing.assert_allclose(cube.fwhm_um, widths[good][::-1])
     assert cube.netd_k == 0.03 and "taken as narrow" not in note
