@@ -7,11 +7,11 @@ noise units (s = S / sigma) is then linear in V and nonlinear only in the scalar
     s~ = alpha S_sky / sigma + (1 - alpha) [e_m B(T) + (1 - e_m) sum_j V_j S_j] / sigma = A u
     u  = [C_0(tau), ..., C_{n-1}(tau), V_1, ..., V_k],   T = T_mid + T_half tau
 
-where of wide bands e_m B(T) and (1 - e_m) S_j are means of products,
-because e_m B(T) / sigma is, over the allowed range of T, a Chebyshev series in tau of n terms to
-0.005 noise units (C_0 = 1 carries the sky's share): 6 to 20 for a scene of usual temperatures, 36
-from 60 to 2200 K, and at most 40, which err by 0.2 noise units up to 5000 K. The first n
-columns of A are the series' coefficient spectra, the others the reflected environment.
+(of wide bands e_m B(T) and (1 - e_m) S_j are the means of these products), because e_m B(T) / sigma
+is, over the allowed range of T, a Chebyshev series in tau of n terms to 0.005 noise units (C_0 = 1
+carries the sky's share): 6 to 20 for a scene of usual temperatures, 36 from 60 to 2200 K, and at
+most 40, which err by 0.2 noise units up to 5000 K. The first n columns of A are the series'
+coefficient spectra, the others the reflected environment.
 With P the inverse noise covariance, the cost of a pixel is
 
     chi^2 = s' P s - 2 u' h + u' H u,     h = A' P s,     H = A' P A
