@@ -40,7 +40,7 @@ from .errors import InputError
 from .machinery.blas import no_blas_threads
 from .overhead import air_temperature, overhead
 from .planck import brightness_temperature, planck, planck_derivative
-from .sky import AIR_MASSES, MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
+from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
 
 USUAL_OBJECTS = 5  # of an environment, where the sky is in view
 SAMPLES = 6000
@@ -53,6 +53,7 @@ SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
 # where the best grey body is so far off, K, there is a sky, be it of another shape than any here
 # (which changed nothing on 50 scenes of no split)
 UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 8.0, 0.7
+AIR_MASSES = np.geomspace(0.1, 40, 60)  # that a sky may be seen through, one for all gases here
 # beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
 # allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out if
 # so many lie beyond it

@@ -20,7 +20,7 @@ import numpy as np
 
 from .bands import at_nodes, band_means, quadrature
 from .planck import brightness_temperature, planck, planck_derivative
-from .sky import AIR_MASSES, MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
+from .sky import MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
 
 OPAQUE_QUANTILE = 0.95  # of the visible sky's pixels, by which the air's temperature is told
 # of T_air: where a band is opaque, relative to how much warmer than any band looks it is, and where
@@ -83,7 +83,7 @@ def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
 
 def _skies(nodes, air, shares):
     """(shares, bands, n) of the model."""
-    mass = np.minimum(np.exp(max(air.mass, 0.0) * (1 - shares)), AIR_MASSES[-1])
+    mass = np.exp(max(air.mass, 0.0) * (1 - shares))
     return at_nodes(lambda w: sky_along(w, mass, air.atmosphere()), nodes)
 
 

@@ -1,17 +1,17 @@
 """The spectrum of a clear sky, 7.5-14.5 um: layers of gas, which absorb as LOWTRAN 7 has it.
 
-The atmosphere is 28 plane-parallel layers, thin at the ground. Seen along air mass m
-(Kasten and Young 1989) it has the transmittance t_i(m) from the ground to the top of
-layer i and the downwelling radiance
+The atmosphere is 28 spherical layers, thin at the ground. Layer j is met on a path m_j times as
+long as towards the zenith. From the ground to the top of layer i the transmittance is t_i, and
+the downwelling radiance is
 
-    L = sum_i B(T_i) (t_{i-1} - t_i),        t_i = exp(-tau_i(m)).
+    L = sum_i B(T_i) (t_{i-1} - t_i),        t_i = exp(-tau_i).
 
 tau_i adds up, over gases of column u_j in layer j, the band model of Pierluissi and Maragoudakis
 (1986, AFGL-TR-86-0272), in which lines saturate over the whole path,
 
-    (C(nu) m sum_{j<=i} u_j p_j^n (273.15 / T_j)^q)^a,        p in atm,
+    (C(nu) sum_{j<=i} m_j u_j p_j^n (273.15 / T_j)^q)^a,        p in atm,
 
-and the continuum of water vapour of Clough et al. (1980), proportional to m: that which vapour
+and the continuum of water vapour of Clough et al. (1980), proportional to m_j: that which vapour
 broadens itself, linear in T between 260 and 296 K, and that which air broadens. C, every 5 cm-1,
 and the continua are LOWTRAN 7's (Kneizys et al. 1988, AFGL-TR-88-0177), copied by
 `benchmarks.lowtran7`: H2O, CO2, O3, N2O and CH4.
@@ -21,9 +21,8 @@ Atmosphere 1976); water with a 2 km scale height; well-mixed CO2, N2O and CH4; o
 (Lacis and Hansen 1974, J. Atmos. Sci. 31, 118: u(z) falls as a logistic at 20 km, 5 km wide).
 
 Approximate, and on purpose: bands are means over 20 cm-1, no single lines; no trace gases but
-those, no aerosol, no cloud, no inversion at night; the ground at sea level; one air mass for all
-gases, though low above the horizon a ray meets more vapour than that, which lies low, and less
-ozone (docs/limits.md).
+those, no aerosol, no cloud, no inversion at night; the ground at sea level; rays bend as one radius
+for all of the air has it.
 """
 
 import math
@@ -50,8 +49,9 @@ HUMIDITY = 0.5  # of usual air, over what it can hold
 MOST_WATER_CM = 8.0
 TOP_KM = 50.0
 LAYERS = 28
+# of an Earth on which rays that air bends as usual would be straight: 7/6 of its own
+RADIUS_KM = 7 / 6 * 6371
 CH4_PPM, N2O_PPM = 1.9, 0.33  # of dry air, by volume
-AIR_MASSES = np.geomspace(0.1, 40, 60)  # that a sky may be seen through
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Atmosphere:
 def zenith_optical_depth(wavelength_um, atmosphere):
     """(n,) optical depth of the whole atmosphere towards the zenith, at wavelengths in um."""
     w = check_wavelength(wavelength_um, "sky")
-    return _optical_depth(w, np.ones(1), _profile(atmosphere))[0, -1]
+    return _optical_depth(w, np.ones((1, LAYERS)), _profile(atmosphere))[0, -1]
 
 
 def sky_radiance(wavelength_um, cos_zenith, atmosphere):
@@ -98,23 +98,25 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     c = np.asarray(cos_zenith, dtype=np.float64)
     if c.ndim != 1 or not (np.abs(c) <= 1).all():
         raise InputError("sky: cos_zenith must be one list of numbers in -1..1.")
-    return sky_along(wavelength_um, air_mass(c), atmosphere)
-
-
-def sky_along(wavelength_um, mass, atmosphere):
-    """The same along air masses (directions,)."""
     w, profile = check_wavelength(wavelength_um, "sky"), _profile(atmosphere)
-    transmittance = np.exp(-_optical_depth(w, mass, profile))
+    transmittance = np.exp(-_optical_depth(w, slant(c, _edges_km()), profile))
     above = np.concatenate([np.ones_like(transmittance[:, :1]), transmittance[:, :-1]], axis=1)
     glow = planck(w, profile.temperature_k[:, None])
     return np.einsum("dln,ln->dn", above - transmittance, glow)
+
+
+def sky_along(wavelength_um, mass, atmosphere):
+    """The same where the air mass is (directions,), of 1 or more."""
+    cos_zenith = np.cos(np.radians(np.linspace(0, 90, 1801)))
+    towards = np.interp(mass, air_mass(cos_zenith), cos_zenith)
+    return sky_radiance(wavelength_um, towards, atmosphere)
 
 
 def level_transmittance(wavelength_um, metres, atmosphere):
     """(n,) transmittance of so many metres of the air near the ground, at wavelengths in um."""
     w = check_wavelength(wavelength_um, "air")
     lowest_m = 1e3 * _edges_km()[1]
-    through = np.array([metres / lowest_m])  # the lowest layer, along a slant that long
+    through = np.full((1, LAYERS), metres / lowest_m)  # the lowest layer, along a slant that long
     return np.exp(-_optical_depth(w, through, _profile(atmosphere))[0, 0])
 
 
@@ -142,6 +144,14 @@ def air_mass(cos_zenith):
     c = np.clip(cos_zenith, 0.0, 1.0)
     mass = 1 / (c + 0.50572 * (96.07995 - np.degrees(np.arccos(c))) ** -1.6364)
     return mass * (1 + 0.50572 * 96.07995**-1.6364)
+
+
+def slant(cos_zenith, edge_km):
+    """(directions, layers) how many times as long as towards the zenith the path through each layer
+    is, between edges (layers + 1,) in km above the ground."""
+    c = np.clip(cos_zenith, 0.0, 1.0)[:, None]
+    path = np.sqrt((RADIUS_KM * c) ** 2 + (2 * RADIUS_KM + edge_km) * edge_km)
+    return np.diff(path) / np.diff(edge_km)
 
 
 class _Profile(NamedTuple):
@@ -205,14 +215,15 @@ BANDS = (
 )
 
 
-def _optical_depth(wavelength_um, mass, profile):
-    """(directions, layers, n) optical depth from the ground to the top of each layer."""
+def _optical_depth(wavelength_um, slant, profile):
+    """(directions, layers, n) optical depth from the ground to the top of each layer, by how many
+    times as long as towards the zenith the path through each is."""
     nu, t = 1e4 / wavelength_um, profile.temperature_k
-    depth = mass[:, None, None] * np.cumsum(_continua(nu, profile), axis=0)
+    depth = np.cumsum(slant[..., None] * _continua(nu, profile), axis=1)
     for band in BANDS:
         here = (nu > band.low_cm) & (nu <= band.high_cm)
         column = getattr(profile, band.gas) * profile.pressure**band.n * (ICE_K / t) ** band.q
-        path = mass[:, None] * np.cumsum(column)
+        path = np.cumsum(slant * column, axis=1)
         strength = _coefficients(band.gas, nu[here]) ** band.a
         depth[..., here] += (path**band.a)[..., None] * strength
     return depth
