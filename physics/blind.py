@@ -33,6 +33,7 @@ from sklearn.cluster import KMeans
 
 from .cube.heat_cube import HeatCube
 from .cube.prepared import prepared
+from .cube.saturation import saturated
 from .environment import Environment
 from .errors import InputError
 from .estimate import USUAL_OBJECTS, Sample
@@ -51,6 +52,7 @@ OVER_K = 3.0  # steps by which the hottest T tried exceeds how warm pixels look
 CLUSTERS = 14
 OPEN = 0.75  # quantile of a cluster's lengths of 1 - e
 SHARE, NATS = 0.01, 5.0
+MOST_SATURATED = 0.5  # of the pixels, to be left out
 ROUNDS = 3  # more of them let the curves' levels drift
 STIFFNESS = 0.3  # of the penalty, over the mean weight of a band
 LEAST, MOST = 0.02, 1.0  # emissivity
@@ -73,6 +75,9 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         raise InputError(f"library: materials must be a whole number >= 1, got {materials!r}.")
     starter = MaterialLibrary.starter().subset([SKY])
     cube, left_out, shift, _, own_k = prepared(cube, starter)
+    full = saturated(cube) & ~cube.dead
+    if full.mean() < MOST_SATURATED:
+        cube = replace(cube, dead=cube.dead | full)
     if cube.bands < MIN_BANDS:
         raise InputError(
             f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
@@ -103,6 +108,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         if progress is not None:
             progress(done + 1, ROUNDS, "library")
     library, note = _named(scene, curves)
+    if full.any():
+        note += f" {full.mean():.1%} of the pixels are saturated."
     if left_out:
         bands = ", ".join(f"{w:.4g} um ({why})" for w, why in left_out.items())
         note += f" Bands left out: {bands}."

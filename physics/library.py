@@ -12,6 +12,7 @@ of the atmosphere towards the zenith.
 """
 
 import json
+import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -64,6 +65,8 @@ class MaterialLibrary(ReadOnly):
             raise InputError("library: it holds no material.")
         if "" in names:
             raise InputError("library: a material has an empty name.")
+        if odd := [n for n in names if not {"Cc", "Cs"}.isdisjoint(map(unicodedata.category, n))]:
+            raise InputError(f"library: the name {odd[0]!r} holds what is no text; rename it.")
         if len(set(names)) != m:
             twice = next(n for i, n in enumerate(names) if n in names[:i])
             raise InputError(f"library: there are two materials {twice!r}; rename one.")

@@ -61,6 +61,16 @@ def test_curves_come_back_and_their_number(netd_k):
     assert (matched(library) < 0.03).all()  # as the falls are 0.15 deep
 
 
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_saturated_pixels_are_no_materials(share):
+    cube = make(netd_k=0.03)[0]
+    ceiling = np.quantile(cube.radiance, 1 - share, axis=(1, 2))[:, None, None]
+    full = HeatCube(np.minimum(cube.radiance, ceiling), W, netd_k=0.03)
+    library, note = library_from_cube(full)
+    assert len(library) <= 5 and matched(library).max() < 0.02  # the sky, and one too many at most
+    assert "of the pixels are saturated" in note
+
+
 def test_the_commonest_comes_first():
     library, _ = library_from_cube(make(netd_k=0.02, shares=(1, 2, 4))[0], 3)
     off = ((library.at(W)[1:, None] - CURVES) ** 2).mean(axis=2)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -36,7 +37,7 @@ from training.finetune import calibrated, finetune
 from training.reshade import ReshadedSet
 from training.samples import draw
 from training.scenes import SceneSet, Settings
-from training.train import Draws, Training, fit
+from training.train import Draws, Training, WholeCheckpoints, fit
 
 ROOT = Path(__file__).parent.parent
 STARTER = MaterialLibrary.starter()
@@ -188,6 +189,40 @@ def test_fine_tuning_lowers_the_loss_on_the_new_library(cache, traced, monkeypat
     assert told[-1] == (3 * DRAWS, 3 * DRAWS, "training") and told[0][2] == "scenes"
     assert history["materials"] == list(NEW.names) and history["terms"] == "both"
     assert json.loads(json.dumps(history)) == history
+
+
+def test_a_worker_that_dies_is_said_in_words(tmp_path, monkeypatch):
+    """As where /dev/shm is small, or memory runs out: torch says it by a RuntimeError."""
+    for words, told in (
+        ("DataLoader worker (pid 1) is killed by signal: Killed.", True),
+        ("unable to allocate shared memory(shm) for file </torch_1>", True),
+        ("another mistake", False),
+    ):
+
+        def stumble(*_, words=words, **__):
+            try:
+                raise RuntimeError(words)
+            finally:
+                raise RuntimeError("Please call iter(combined_loader) first.")
+
+        monkeypatch.setattr(train_module.lightning.Trainer, "fit", stumble)
+        monkeypatch.setattr(train_module, "Loader", lambda *_: None)
+        wanted = (InputError, "a worker died") if told else (RuntimeError, "combined_loader")
+        with pytest.raises(wanted[0], match=wanted[1]):
+            fit(None, None, None, tmp_path, epochs=1)
+
+
+def test_a_checkpoint_on_a_full_disk_is_an_oserror(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(OSError):
+            WholeCheckpoints().save_checkpoint({"w": torch.zeros(20_000)}, tmp_path / "last.ckpt")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+    assert not list(tmp_path.iterdir())
 
 
 def test_same_seed_same_weights_and_a_stopped_run_goes_on_to_them(tmp_path, cache, traced):

@@ -287,10 +287,14 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
             "wavelength_um,water\n8,97\n9,98\n",
             "off by 0.02 at most; divide the file's numbers by 100",
         ),
-        ("a.csv", "wavelength_um,water\n8,1.03\n", "off by 0.02 at most"),
+        ("a.csv", "wavelength_um,water\n8,1.03\n9,1\n", "off by 0.02 at most"),
         ("a.csv", "wavelength_um,water\n8000,0.9\n", "looks like nm"),
+        ("a.csv", "wavelength_um,water\n8,0.9\n", "no two bands in 7-15 um"),
+        ("a.csv", "wavelength_um,water\n0.5,0.9\n1.2,0.9\n", "no two bands in 7-15 um"),
+        ("a.csv", "wavelength_nm,water\n7.5,0.9\n8.5,0.9\n", "unit of wavelengths"),
         ("a.csv", "wavenumber_cm1,water\n8,0.9\n", "10 um is 1000 cm-1"),
-        ("a.csv", "wavelength_um,water,water\n8,0.9,0.9\n", "two materials 'water'"),
+        ("a.csv", "wavelength_um,water,water\n8,0.9,0.9\n9,0.9,0.9\n", "two materials 'water'"),
+        ("a.csv", "wavelength_um,wa\x07ter\n8,0.9\n9,0.9\n", "'wa\\x07ter' holds what is no text"),
         ("a.csv", "wavelength_um,\xe4\n8,0.9\n", "UTF-8"),
         ("a.txt", "8 0.9\n9 0.8\n", "no 'key: value' lines"),
         ("a.txt", "Name: a\n\n8 0.9\n9 0.8\n", "no line 'X Units:'"),
@@ -345,6 +349,13 @@ def test_envi_spectral_libraries(tmp_path):
     library, note = import_library(envi(tmp_path / "a.sli", deleted, beyond))
     check_same(library, ["sky", "old_brick"], E[[0, 2]], atol=1e-6)
     assert "left out, with bands that were deleted: Water" in note
+    some, bad = np.arange(len(w)) % 4 != 2, E.copy()
+    bad[:, ~some] = 0.0
+    bbl = f"{{{', '.join(map(str, some.astype(int)))}}}"
+    library, note = import_library(envi(tmp_path / "a.sli", bad, w, bbl=bbl))
+    np.testing.assert_allclose(library.at(np.sort(w[some])), E[:, some][:, np.argsort(w[some])],
+                               atol=1e-6)  # fmt: skip
+    assert f"{(~some).sum()} that bbl calls bad left out" in note
 
 
 @pytest.mark.parametrize(
@@ -428,6 +439,8 @@ def test_wrong_folders(tmp_path, capfd):
     spectrum(tmp_path / "a.txt", w, e)
     spectrum(tmp_path / "b.txt", w + 3, e)
     assert "b.txt starts at 11 um, where a.txt has ended" in refused(capfd, tmp_path, "--out", out)
+    (tmp_path / "folder.txt").mkdir()
+    (tmp_path / "gone.txt").symlink_to(tmp_path / "nowhere")
     for name in ("c.txt", "d.txt"):
         spectrum(tmp_path / name, w, e, Measurement="Bidirectional")
     sentence = refused(capfd, tmp_path, "--out", out)
@@ -464,6 +477,21 @@ def test_wrong_mat_files(tmp_path, capfd, variables, flags, sentence):
     path = mat(tmp_path / "lib.mat", **variables)
     assert sentence in refused(capfd, path, "--out", tmp_path / "lib.json", *flags)
     assert [p.name for p in tmp_path.iterdir()] == ["lib.mat"]
+
+
+def test_a_mat_file_of_another_range(tmp_path, capfd):
+    path = mat(tmp_path / "a.mat", matLib=E.T, matName=cells(NAMES))
+    flags = ["--wavenumbers", "2000:3000", "--out", tmp_path / "lib.json"]
+    assert "covers 3.333-5 um, with no two bands" in refused(capfd, path, *flags)
+
+
+def test_a_name_of_half_a_character_is_refused(tmp_path, capfd):
+    rows = [{"name": "a\ud800b", "emissivity": [0.9, 0.9]}]
+    path = tmp_path / "half.json"
+    path.write_text(json.dumps({"wavelength_um": [7.5, 14.5], "materials": rows}))
+    assert "holds what is no text" in refused(
+        capfd, path, "--add-sky", "--out", tmp_path / "o.json"
+    )
 
 
 def test_the_bands_of_the_other_published_file(tmp_path):

@@ -9,7 +9,9 @@ import trimesh
 
 from physics import InputError, MaterialLibrary
 from physics.simulator import load_scene
-from physics.simulator.geometry import normals
+from physics.simulator.geometry import normals, value_noise
+from physics.simulator.refined import refined
+from physics.simulator.trace import Tracer
 from texnet.files.band_file import read_bands
 
 ROCK = {
@@ -96,6 +98,85 @@ def test_temperature_fields(write):
     assert 0 < np.abs(rest).max() <= 1
     again = load_scene(write(with_object(temperature_k=field))).objects[0]
     np.testing.assert_array_equal(rock.temperature_k, again.temperature_k)
+
+
+@pytest.mark.parametrize("shape, size", [("plane", [20, 20]), ("plane", [10000, 10000]),
+                                         ("box", [20, 20, 2]), ("cylinder", None)])  # fmt: skip
+def test_noise_of_temperature_varies_within_a_large_shape(write, shape, size):
+    """As everywhere in space, on the ground within six metres."""
+    mesh = {"shape": shape, "size": size} if size else {"shape": shape, "radius": 10, "height": 2}
+    field = {"mean_k": 290, "gradient_k_per_m": [1e-3, 0, 0], "variation_k": 2, "scale_m": 1}
+    below = [0, 0, 0 if shape == "plane" else -1]
+    change = with_object(mesh=mesh, temperature_k=field, translate=below, scale=1)
+    ground = load_scene(write(change)).objects[0]
+    corners = ground.mesh.vertices[ground.mesh.faces]
+    near = (np.abs(corners) < [6, 6, 1e-9]).all(axis=(1, 2))
+    assert near.sum() > 1000
+    weight = np.random.default_rng(0).dirichlet(np.ones(3), near.sum())
+    at = np.einsum("fc,fcx->fx", weight, corners[near])
+    t = np.einsum("fc,fc->f", weight, ground.temperature_k[ground.mesh.faces[near]])
+    noise = t - 290 - 1e-3 * at[:, 0]
+    assert noise.std() > 0.5
+    assert np.sqrt(((noise - 2 * value_noise(at, 1.0, 0)) ** 2).mean()) < 0.1
+
+
+def test_light_is_taken_close_above_a_wide_ground(write):
+    plane = {"shape": "plane", "size": [10000, 10000]}
+    scene = load_scene(write(with_object(mesh=plane, scale=1)))
+    tracer = Tracer(scene, MaterialLibrary.starter())
+    away = np.linalg.norm(tracer.corners - tracer.eye, axis=-1).max(axis=1)
+    assert (tracer.lift < 1e-5 * away + 1e-5).all() and len(tracer.lift) < 2000
+    assert scene.objects[0].mesh.area == pytest.approx(1e8)
+
+
+@pytest.mark.parametrize("longest_m", [0.3, 1.1, 5.0])
+def test_refined_is_the_same_surface(longest_m):
+    box = trimesh.creation.box(extents=[3, 2, 1])
+    slope = box.vertices @ [1.0, -2.0, 0.5] + 290
+    near = lambda middle: np.maximum(longest_m, np.abs(middle[:, 0]))
+    v, faces = refined(np.column_stack([box.vertices, slope]), np.asarray(box.faces), near)
+    fine = trimesh.Trimesh(v[:, :3], faces, process=False)
+    assert fine.is_watertight and fine.is_winding_consistent
+    assert fine.volume == pytest.approx(6) and fine.area == pytest.approx(22)
+    np.testing.assert_allclose(v[:, 3], v[:, :3] @ [1.0, -2.0, 0.5] + 290)
+    edge = v[fine.edges_unique][..., :3]
+    assert (fine.edges_unique_length <= near(edge.mean(axis=1))).all()
+    assert (v[: len(box.vertices), :3] == box.vertices).all()
+
+
+def test_of_an_stl_vertices_cannot_be_listed(write):
+    with pytest.raises(InputError, match="no vertices of its own"):
+        load_scene(write(with_object(mesh="rock.stl", temperature_k=[290, 291, 292, 293])))
+
+
+def test_vertices_of_a_ply_are_the_file_s_whatever_its_texture_does(write, tmp_path):
+    """A seam: the shared edge has other coordinates in either triangle; the first vertex has
+    none."""
+    (tmp_path / "seam.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 2\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\nend_header\n"
+        "9 9 9\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+        "3 1 2 3 6 0 0 1 0 1 1\n3 1 3 4 6 0.5 0 0.5 1 0 0.7\n"
+    )
+    t = [400, 290, 291, 292, 293]
+    how = dict(mesh="seam.ply", temperature_k=t, scale=1, translate=[0, 0, 0], rotate_z_deg=0)
+    built = load_scene(write(with_object(**how))).objects[0]
+    corners = {(0, 0): 290, (1, 0): 291, (1, 1): 292, (0, 1): 293}
+    for f in built.mesh.faces:
+        for i in f:
+            x, y, _ = built.mesh.vertices[i]
+            assert built.temperature_k[i] == corners[x, y]
+
+
+@pytest.mark.parametrize("first", range(5))
+def test_a_face_with_a_notch_is_refused(write, tmp_path, first):
+    """Cut like a fan it would cover the notch."""
+    corners = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 0.5 0\nv 0 2 0\n"
+    turned = [(first + i) % 5 + 1 for i in range(5)]
+    (tmp_path / "q.obj").write_text(f"{corners}f {' '.join(map(str, turned))}\n")
+    with pytest.raises(InputError, match="not convex"):
+        load_scene(write(with_object(mesh="q.obj")))
 
 
 @pytest.mark.parametrize(

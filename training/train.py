@@ -8,10 +8,12 @@ batch is one scene, because libraries and bands differ in size; gradients of a f
 import atexit
 import logging
 import os
+import re
 import signal
 import time
 import warnings
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -210,8 +212,10 @@ class WholeCheckpoints(TorchCheckpointIO):
 
     def save_checkpoint(self, checkpoint, path, storage_options=None):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
+        whole = BytesIO()  # on a full disk torch would raise what is no OSError
+        torch.save(checkpoint, whole)
         with whole_file(path) as part:
-            torch.save(checkpoint, part)
+            part.write_bytes(whole.getbuffer())
 
 
 class Loader(DataLoader):
@@ -277,9 +281,16 @@ def fit(
             ckpt_path=last if last.exists() else None, weights_only=True,
         )  # fmt: skip
     except InputError as e:  # of a worker, with all that led to it; its own words end it
-        raise InputError(str(e).rpartition("InputError: ")[2].strip()) from e
+        raise InputError(str(e).rpartition(f"{type(e).__name__}: ")[2].strip()) from e
     except torch.OutOfMemoryError as e:
         raise InputError("device: the GPU has too little memory; take --device cpu.") from e
+    except RuntimeError as e:  # Lightning may stumble over what a worker's end left behind
+        if not re.search("DataLoader worker|shared memory", f"{e} {e.__context__}"):
+            raise
+        raise InputError(
+            "training: a worker died, or shared memory (/dev/shm) was too small for a cube; is "
+            "there enough memory? The same command goes on."
+        ) from e
     except SystemExit as e:
         if not isinstance(e.__context__, KeyboardInterrupt):
             raise

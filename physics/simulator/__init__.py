@@ -3,6 +3,7 @@
 scene       Scene, SceneObject, Camera: what there is
 scene_file  a scene from a JSON file
 geometry    meshes with relief
+refined     triangles made smaller where they must
 presets     ready-made scenes
 trace       light paths, traced once for all bands
 shade       the estimator: paths become radiance and truth

@@ -9,6 +9,7 @@ import sys
 from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -16,10 +17,15 @@ import trimesh
 from ..errors import InputError
 from ..machinery.json_file import read_json
 from ..sky import Atmosphere
-from .geometry import value_noise
+from .geometry import mesh, value_noise
+from .refined import refined
 from .scene import Camera, Scene, SceneObject
 
 CREASE_DEG = 40.0  # between facets of a file, from which on an edge is sharp
+# edges of a flat shape, m: over how far away they lie, and at least; likewise where its
+# temperature varies, but no shorter than that share of scale_m
+FAR, LEAST_M = 1.0, 1.0
+FAR_OF_NOISE, LEAST_OF_NOISE_M, OF_SCALE = 0.02, 1e-3, 0.25
 CELSIUS_K = 100.0  # no K of any scene
 PLANE = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
 
@@ -67,7 +73,7 @@ def load_scene(path):
             atmosphere = Atmosphere(
                 **{k: _numbers(v, None, f"atmosphere {k}") for k, v in atmosphere.items()}
             )
-        objects = [_object(o, i, path.parent) for i, o in enumerate(data["objects"])]
+        objects = [_object(o, i, path.parent, lens.position) for i, o in enumerate(data["objects"])]
         return Scene(objects, lens, atmosphere, name=str(data.get("name", path.stem)), **sun)
     except InputError as e:
         raise InputError(f"{str(e).rstrip('.')} (in {path}).") from e
@@ -97,7 +103,7 @@ def _numbers(value, n, what):
     return float(value) if n is None else tuple(float(v) for v in value)
 
 
-def _object(data, index, folder):
+def _object(data, index, folder, eye):
     label = f"object {index}"
     optional = ("name", "translate", "scale", "rotate_z_deg", "smooth", "mirror")
     _keys(data, label, ("mesh", "material", "temperature_k"), optional)
@@ -119,7 +125,22 @@ def _object(data, index, folder):
     place[:3, :3] *= scale
     place[:3, 3] = _numbers(data.get("translate", [0, 0, 0]), 3, f"{label} translate")
     m.apply_transform(place)
-    temperature_k = _temperature(data["temperature_k"], m, label)
+    if (
+        of_file
+        and data["mesh"].lower().endswith(".stl")
+        and isinstance(data["temperature_k"], list)
+    ):
+        raise InputError(
+            f"scene: {label}: an STL file has no vertices of its own to list temperature_k for; "
+            "give a number or a field, or take OBJ or PLY."
+        )
+    temperature_k, noise = _temperature(data["temperature_k"], m, label)
+    if not of_file and not smooth:
+        m, temperature_k = _refined(m, temperature_k, noise, eye)
+    if noise is not None:
+        temperature_k = temperature_k + noise.amplitude_k * value_noise(
+            m.vertices, noise.scale_m, noise.seed
+        )
     name = str(data.get("name", f"object {index}"))
     mirror = _numbers(data.get("mirror", 0.0), None, f"{label} mirror")
     built = SceneObject(m, str(data["material"]), temperature_k, smooth, name, mirror)
@@ -129,6 +150,23 @@ def _object(data, index, folder):
             f"scene: {label} temperature_k is as low as {coldest:g}; give K, not degrees Celsius."
         )
     return _creased(built) if of_file and "smooth" not in data else built
+
+
+def _refined(m, temperature_k, noise, eye):
+    """A mesh and its temperatures with edges so short that noise between vertices is seen, and that
+    light is taken close above a wide ground: by a share of a triangle's coordinates (`trace`)."""
+
+    def longest(middle):
+        away = np.linalg.norm(middle - eye, axis=1)
+        limit = np.maximum(FAR * away, LEAST_M)
+        if noise is None:
+            return limit
+        of_noise = np.maximum(FAR_OF_NOISE * away, OF_SCALE * noise.scale_m)
+        return np.minimum(limit, np.maximum(of_noise, LEAST_OF_NOISE_M))
+
+    t = np.broadcast_to(temperature_k, len(m.vertices))
+    vertices, faces = refined(np.column_stack([m.vertices, t]), np.asarray(m.faces), longest)
+    return mesh(vertices[:, :3], faces), vertices[:, 3]
 
 
 def _mesh(data, label, folder):
@@ -174,7 +212,8 @@ def _read_mesh(file):
     which has none of its own, gets one for all corners in a place."""
     if file.suffix.lower() == ".obj":
         return _read_obj(file)
-    m = trimesh.load(file, force="mesh", process=False)
+    # fix_texture: one of a PLY would order and split vertices by their seams
+    m = trimesh.load(file, force="mesh", process=False, fix_texture=False)
     if file.suffix.lower() == ".stl":
         m.merge_vertices()
     return m
@@ -185,7 +224,7 @@ def _read_obj(file):
     and seams, and whose vertices that are counted back from it counts from the file's end."""
     text = file.read_text(encoding="utf-8-sig", errors="replace")
     text = re.sub(r"#.*", "", text).replace("\\\n", " ")
-    vertices, faces = [], []
+    vertices, faces, polygons = [], [], {}
     for line in text.splitlines():
         key, *words = line.split() or [""]
         if key == "v":
@@ -198,16 +237,36 @@ def _read_obj(file):
             if len(corners) < 3 or min(corners) < 0:
                 raise ValueError(f"{line.strip()!r} is no face")
             faces += [(corners[0], *pair) for pair in pairwise(corners[1:])]
+            if len(corners) > 3:
+                polygons.setdefault(len(corners), []).append(corners)
     if faces and np.max(faces) >= len(vertices):
         raise ValueError(f"a face has vertex {np.max(faces) + 1} of {len(vertices)}")
-    return trimesh.Trimesh(np.reshape(vertices, (-1, 3)), faces, process=False)
+    vertices = np.reshape(vertices, (-1, 3))
+    if any(_concave(vertices[np.array(corners)]).any() for corners in polygons.values()):
+        raise ValueError("a face of more than three corners is not convex: export triangles")
+    return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _temperature(data, mesh, label):
-    """K: a number, or (vertices,) from a list or a described field."""
+def _concave(polygon):
+    """(n,) whether polygons (n, corners, 3), which are cut like fans, turn back somewhere."""
+    edge = np.roll(polygon, -1, axis=1) - polygon
+    turn = np.cross(edge, np.roll(edge, -1, axis=1))
+    area = np.cross(polygon - polygon[:, :1], edge).sum(axis=1, keepdims=True)
+    return ((turn * area).sum(axis=-1) < -1e-6 * (area**2).sum(axis=-1)).any(axis=1)
+
+
+class _Noise(NamedTuple):
+    amplitude_k: float
+    scale_m: float
+    seed: int
+
+
+def _temperature(data, m, label):
+    """K: a number, or (vertices,) from a list or a described field; and that field's _Noise, which
+    is still to be added, or None."""
     if not isinstance(data, dict):
         what = f"{label} temperature_k"
-        return _numbers(data, len(mesh.vertices) if isinstance(data, list) else None, what)
+        return _numbers(data, len(m.vertices) if isinstance(data, list) else None, what), None
     optional = ("gradient_k_per_m", "variation_k", "scale_m", "seed")
     _keys(data, f"{label} temperature_k", ("mean_k",), optional)
     number = lambda key, default: _numbers(data.get(key, default), None, f"{label} {key}")
@@ -215,6 +274,6 @@ def _temperature(data, mesh, label):
     scale_m, seed = number("scale_m", 1.0), number("seed", 0)
     if scale_m <= 0 or seed < 0 or seed != int(seed):
         raise InputError(f"scene: {label}: scale_m must be positive and seed an integer >= 0.")
-    v = np.asarray(mesh.vertices)
+    v, amplitude_k = np.asarray(m.vertices), number("variation_k", 0.0)
     t = number("mean_k", None) + (v - v.mean(axis=0)) @ gradient
-    return t + number("variation_k", 0.0) * value_noise(v, scale_m, int(seed))
+    return t, _Noise(amplitude_k, scale_m, int(seed)) if amplitude_k else None

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..errors import InputError
 from ..library import MaterialLibrary
 from .sensor import Bands
 from .traced import trace_on_demand
@@ -34,6 +35,12 @@ def simulate(
     """
     library = MaterialLibrary.starter() if library is None else library
     fine_um = np.unique(Bands.of(wavelength_um, fwhm_um).fine_um)
+    if not library.covers(fine_um).all():
+        (low, high), (first, last) = library.wavelength_um[[0, -1]], fine_um[[0, -1]]
+        raise InputError(
+            f"bands: they reach from {first:.4g} to {last:.4g} um, but the library's curves from "
+            f"{low:g} to {high:g}; take bands within."
+        )
     # The roulette need not heed what the curves do outside the bands.
     at_bands = replace(library, wavelength_um=fine_um, emissivity=library.at(fine_um))
     traced = trace_on_demand(scene, size, spp, seed, at_bands)

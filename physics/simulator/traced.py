@@ -15,8 +15,8 @@ from functools import partial
 
 import numpy as np
 
-from ..cube.heat_cube import MAX_NETD_K, HeatCube
-from ..errors import InputError
+from ..cube.heat_cube import MAX_NETD_K, TYPICAL_K, HeatCube
+from ..errors import Implausible, InputError
 from ..library import SKY as SKY_NAME
 from ..machinery.array_file import load_arrays, save_arrays
 from ..machinery.threads import cores, in_threads
@@ -137,7 +137,14 @@ class TracedScene:
         if netd_k > 0:
             noise_seed = _seeds(self.seed, len(spans))[0]
             cube = add_noise(cube, bands.wavelength_um, netd_k, np.random.default_rng(noise_seed))
-        return HeatCube(cube, bands.wavelength_um, bands.fwhm_um, netd_k or None), truth
+        try:
+            return HeatCube(cube, bands.wavelength_um, bands.fwhm_um, netd_k or None), truth
+        except Implausible as e:
+            low, high = TYPICAL_K
+            raise InputError(
+                f"scene: half of the picture looks colder than {low:g} K or hotter than {high:g}, "
+                "which no heat cube may; change temperatures or the view."
+            ) from e
 
     def _kinds(self, library, materials):
         """(materials,) the index into the library of each of the scene's materials."""

@@ -96,7 +96,8 @@ class Spectra(NamedTuple):
     """What a spectral library holds and says.
 
     names     of the spectra;  values  (spectra, bands) float64, NaN where nothing was measured
-    centre    (bands,) in axis: "um", "nm" or "cm-1"
+    centre    (bands,) in axis: "um", "nm" or "cm-1"; without those that bbl calls bad
+    bad       how many these were
     quantity  y axis title, or the second of the z plot titles
     scaled    whether a factor of the header was applied
     """
@@ -104,6 +105,7 @@ class Spectra(NamedTuple):
     names: tuple[str, ...]
     values: np.ndarray
     centre: np.ndarray
+    bad: int
     axis: str
     quantity: str
     scaled: bool
@@ -135,7 +137,10 @@ def read_spectra(path):
     names = tuple(name.strip() for name in names)
     titles = header.word("z plot titles", "").strip("{} ").partition(",")
     quantity = header.word("y axis title", titles[2].strip())
-    return Spectra(names, values, centre, axis, quantity, bool(scaled))
+    good = np.ones(len(centre)) if (bbl := header.numbers("bbl", len(centre))) is None else bbl
+    good = good != 0
+    bad = np.count_nonzero(~good)
+    return Spectra(names, values[:, good], centre[good], bad, axis, quantity, bool(scaled))
 
 
 def _pair(path, of):

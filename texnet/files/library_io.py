@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from physics.cube.heat_cube import check_wavelength
 from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
 
@@ -98,7 +99,8 @@ def _read(path, kind, wavenumbers_cm1, names):
         else:
             names, w, e, sources, words = READERS[kind](path)
     except OSError as error:
-        raise InputError(f"library: cannot read {path}: {error.strerror or error}.") from error
+        where = error.filename or path
+        raise InputError(f"library: cannot read {where}: {error.strerror or error}.") from error
     e, clipped = _within_0_and_1(e, names, w)
     return MaterialLibrary(names, w, e, descriptions=sources), [*words, *clipped]
 
@@ -150,6 +152,18 @@ def read_names(path):
     return [line.strip() for line in lines if line.strip()]
 
 
+def _thermal(w, name):
+    """(n,) which of w, um, are of TEXT_RANGE_UM; InputError unless two are."""
+    w, (low, high) = check_wavelength(w, "library"), TEXT_RANGE_UM
+    inside = (w >= low) & (w <= high)
+    if np.count_nonzero(inside) < 2:
+        raise InputError(
+            f"library: {name} covers {w.min():.4g}-{w.max():.4g} um, with no two bands in "
+            f"{low:g}-{high:g} um; take another, unless its unit of wavelengths is stated wrongly."
+        )
+    return inside
+
+
 # --- HADAR .mat --------------------------------------------------------------------------
 
 
@@ -184,6 +198,7 @@ def _read_mat(path, wavenumbers_cm1, names):
             "give two different ends and two or more bands."
         )
     order, w, moved = ascending(np.linspace(first, last, bands), "cm-1", "library")
+    _thermal(w, path.name)
     words = [
         f"HADAR .mat, {key} ({LAYOUT[key]}), {materials} materials",
         f"{bands} bands equidistant from {first:g} to {last:g} cm-1 became "
@@ -215,9 +230,8 @@ def _mat_table(path):
 
 def _read_csv(path):
     names, w, e, words = read_table(path, "library", "material")
-    low, high = TEXT_RANGE_UM
-    inside = (w >= low) & (w <= high)
-    if 2 <= np.count_nonzero(inside) < w.size:
+    inside = _thermal(w, path.name)
+    if not inside.all():
         w, e = w[inside], e[:, inside]
         words.append(f"those of {w[0]:.4g}-{w[-1]:.4g} um taken")
     _check_gaps(w, path, f"give rows at most {MAX_GAP_UM:g} um apart")
@@ -241,13 +255,7 @@ def _read_envi(path):
             "hemispherical reflectance; take another file."
         )
     order, w, moved = ascending(spectra.centre, spectra.axis, "library")
-    low, high = TEXT_RANGE_UM
-    inside = (w >= low) & (w <= high)
-    if np.count_nonzero(inside) < 2:
-        raise InputError(
-            f"library: {path.name} covers {w[0]:.4g}-{w[-1]:.4g} um, with no two bands in "
-            f"{low:g}-{high:g} um; take another."
-        )
+    inside = _thermal(w, path.name)
     w, values = w[inside], spectra.values[:, order[inside]]
     _check_gaps(w, path.name, "take another")
     good = (np.abs(values) < DELETED).all(axis=1)  # not so of a NaN
@@ -263,6 +271,8 @@ def _read_envi(path):
         + ("" if "emiss" in said else ", emissivity as 1 - hemispherical reflectance"),
         f"{w.size} bands, {w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
+    if spectra.bad:
+        words.append(f"{spectra.bad} that bbl calls bad left out")
     left = [name for name, there in zip(spectra.names, good, strict=True) if not there]
     if left:
         words.append(f"left out, with bands that were deleted: {', '.join(left)}")
@@ -280,7 +290,7 @@ class NotThermal(InputError):
 
 def _read_texts(path):
     if path.is_dir():
-        text = [p for p in sorted(path.iterdir()) if p.suffix.lower() == ".txt"]
+        text = [p for p in sorted(path.iterdir()) if p.suffix.lower() == ".txt" and p.is_file()]
         # ECOSTRESS puts further measurements beside a spectrum, under this name.
         files = [p for p in text if not p.name.lower().endswith(".ancillary.txt")]
         if not files:
