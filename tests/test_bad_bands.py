@@ -151,13 +151,17 @@ def test_the_answer_is_that_of_the_cube_without_it(method, given):
 
 @pytest.mark.parametrize("stripes", [1, 3])
 def test_the_noise_of_a_striped_cube_is_what_it_shows(stripes):
-    """Some of the stripes pass for scene where there are few columns; noise is never overstated."""
-    cube = traced("patterned", 36)[0]
-    off = stripes * np.random.default_rng(1).normal(size=(36, 1, cube.shape[1]))
-    s = cube.radiance + off * cube.sigma[:, None, None]
-    seen, bad = without_bad_bands(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
+    """Some of the stripes may pass for scene where there are few columns. As everywhere with eight
+    bands and more noise is overstated by 15 % at most, and by less in the mean."""
+    cube, found = traced("patterned", 36)[0], []
     total = cube.netd_k * np.hypot(1, stripes)
-    assert not bad and 0.5 * total < seen.netd_k < 1.1 * total and seen.netd_k > cube.netd_k
+    for seed in range(1, 9):
+        off = stripes * np.random.default_rng(seed).normal(size=(36, 1, cube.shape[1]))
+        s = cube.radiance + off * cube.sigma[:, None, None]
+        seen, bad = without_bad_bands(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
+        assert not bad and seen.netd_k > cube.netd_k
+        found.append(seen.netd_k / total)
+    assert 0.5 < min(found) and max(found) < 1.15 and np.mean(found) < 1.1
 
 
 def test_noise_that_is_stated_too_low_is_seen():

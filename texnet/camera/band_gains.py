@@ -23,7 +23,7 @@ from physics.eq1 import heat_signal
 
 from .correction import DARKEST, Calibration, corrected, corrected_environment
 
-FIRST, TIMES = 64.0, (8.0, 4.0)
+FIRST, TIMES = 64.0, (8.0, 4.0, 2.0, 1.0)
 HELPS = 0.97  # what a step leaves of the residual, at most, to be followed by another like it
 STEPS = 24  # at most
 FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
