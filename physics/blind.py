@@ -109,7 +109,8 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
             progress(done + 1, ROUNDS, "library")
     library, note = _named(scene, curves)
     if full.any():
-        note += f" {full.mean():.1%} of the pixels are saturated."
+        more = " and were left out" if full.mean() < MOST_SATURATED else ": too many to leave out"
+        note += f" {full.mean():.1%} of the pixels are saturated{more}."
     if left_out:
         bands = ", ".join(f"{w:.4g} um ({why})" for w, why in left_out.items())
         note += f" Bands left out: {bands}."

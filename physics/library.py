@@ -65,7 +65,7 @@ class MaterialLibrary(ReadOnly):
             raise InputError("library: it holds no material.")
         if "" in names:
             raise InputError("library: a material has an empty name.")
-        if odd := [n for n in names if not {"Cc", "Cs"}.isdisjoint(map(unicodedata.category, n))]:
+        if odd := [n for n in names if _holds(n, "Cc", "Cs")]:
             raise InputError(f"library: the name {odd[0]!r} holds what is no text; rename it.")
         if len(set(names)) != m:
             twice = next(n for i, n in enumerate(names) if n in names[:i])
@@ -92,7 +92,7 @@ class MaterialLibrary(ReadOnly):
             raise InputError("library: hue_deg must hold one finite hue per material.")
         if rgb.shape != (m, 3) or not ((rgb >= 0) & (rgb <= 1)).all():
             raise InputError("library: albedo_rgb must hold three values in 0..1 per material.")
-        if len(text) != m:
+        if len(text) != m or any(_holds(t, "Cs") for t in text):
             raise InputError("library: descriptions must hold one text per material.")
         level = np.zeros(m) if self.level_sigma is None else self.level_sigma
         level = np.array(numbers(level, "library: level_sigma"), float)
@@ -229,6 +229,12 @@ class MaterialLibrary(ReadOnly):
         """The library that ships with the package; `texnet library rebuild` makes it."""
         path = files("physics") / "data" / "starter_library.json"
         return MaterialLibrary._from_json(json.loads(path.read_text(encoding="utf-8")), path)
+
+
+def _holds(text, *categories):
+    """Whether a character of text is of one of these categories of Unicode: Cc of control, or Cs,
+    half a character, which no file can hold."""
+    return not set(categories).isdisjoint(map(unicodedata.category, text))
 
 
 def _check_row(row, bands):

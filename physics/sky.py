@@ -21,8 +21,8 @@ Atmosphere 1976); water with a 2 km scale height; well-mixed CO2, N2O and CH4; o
 (Lacis and Hansen 1974, J. Atmos. Sci. 31, 118: u(z) falls as a logistic at 20 km, 5 km wide).
 
 Approximate, and on purpose: bands are means over 20 cm-1, no single lines; no trace gases but
-those, no aerosol, no cloud, no inversion at night; the ground at sea level; rays bend as one radius
-for all of the air has it.
+those, no aerosol, no cloud, no inversion at night; the ground at sea level; refraction by one
+effective radius of Earth for all layers.
 """
 
 import math
@@ -49,8 +49,7 @@ HUMIDITY = 0.5  # of usual air, over what it can hold
 MOST_WATER_CM = 8.0
 TOP_KM = 50.0
 LAYERS = 28
-# of an Earth on which rays that air bends as usual would be straight: 7/6 of its own
-RADIUS_KM = 7 / 6 * 6371
+RADIUS_KM = 7 / 6 * 6371  # of an Earth above which rays that air bends would be straight
 CH4_PPM, N2O_PPM = 1.9, 0.33  # of dry air, by volume
 
 
@@ -106,7 +105,8 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
 
 
 def sky_along(wavelength_um, mass, atmosphere):
-    """The same where the air mass is (directions,), of 1 or more."""
+    """The same where the air mass is (directions,); the zenith's below 1, the horizon's beyond that
+    one's."""
     cos_zenith = np.cos(np.radians(np.linspace(0, 90, 1801)))
     towards = np.interp(mass, air_mass(cos_zenith), cos_zenith)
     return sky_radiance(wavelength_um, towards, atmosphere)
@@ -215,15 +215,15 @@ BANDS = (
 )
 
 
-def _optical_depth(wavelength_um, slant, profile):
-    """(directions, layers, n) optical depth from the ground to the top of each layer, by how many
-    times as long as towards the zenith the path through each is."""
+def _optical_depth(wavelength_um, longer, profile):
+    """(directions, layers, n) optical depth from the ground to the top of each layer, along paths
+    through each that are longer (directions, layers) times than towards the zenith."""
     nu, t = 1e4 / wavelength_um, profile.temperature_k
-    depth = np.cumsum(slant[..., None] * _continua(nu, profile), axis=1)
+    depth = np.cumsum(longer[..., None] * _continua(nu, profile), axis=1)
     for band in BANDS:
         here = (nu > band.low_cm) & (nu <= band.high_cm)
         column = getattr(profile, band.gas) * profile.pressure**band.n * (ICE_K / t) ** band.q
-        path = np.cumsum(slant * column, axis=1)
+        path = np.cumsum(longer * column, axis=1)
         strength = _coefficients(band.gas, nu[here]) ** band.a
         depth[..., here] += (path**band.a)[..., None] * strength
     return depth

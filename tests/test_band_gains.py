@@ -106,6 +106,28 @@ def test_where_texture_went_below_zero_nothing_is_said():
     )
 
 
+def test_the_noise_goes_down_to_what_is_stated():
+    """From where wrong materials have little to make up for to where they cannot."""
+    cube, maps = scene(0, GROUND)
+    cube, noise = shown(cube, np.linspace(0.97, 1.03, 20)), []
+
+    def solve(_, part):
+        noise.append(part.netd_k / cube.netd_k)
+        return maps
+
+    left = chain((20.0, 9.0, 3.0), repeat(1.0))  # in units of the noise that is taken
+    environment = Environment(np.full((1, 20), 5.0), W)
+    band_gains(
+        cube,
+        environment,
+        solve,
+        LIBRARY,
+        lambda _: next(left) * cube.netd_k / (noise[-1] * cube.netd_k),
+    )
+    assert noise[0] == pytest.approx(64) and noise[-1] == pytest.approx(1.0)
+    assert (np.diff(noise) < 1e-9).all()
+
+
 def test_gains_do_not_run_away():
     cube, maps = scene(3, GROUND)
     maps["texture"] = maps["texture"] * np.linspace(0.1, 60, 20)[:, None, None]

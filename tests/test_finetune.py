@@ -197,6 +197,7 @@ def test_a_worker_that_dies_is_said_in_words(tmp_path, monkeypatch):
         ("DataLoader worker (pid 1) is killed by signal: Killed.", True),
         ("unable to allocate shared memory(shm) for file </torch_1>", True),
         ("another mistake", False),
+        ("Caught RuntimeError in DataLoader worker process 0.\nRuntimeError: shapes", False),
     ):
 
         def stumble(*_, words=words, **__):

@@ -356,6 +356,11 @@ def test_envi_spectral_libraries(tmp_path):
     np.testing.assert_allclose(library.at(np.sort(w[some])), E[:, some][:, np.argsort(w[some])],
                                atol=1e-6)  # fmt: skip
     assert f"{(~some).sum()} that bbl calls bad left out" in note
+    none = f"{{{', '.join('0' * len(w))}}}"  # which says nothing
+    check_same(import_library(envi(tmp_path / "a.sli", E, w, bbl=none))[0], atol=1e-6)
+    far = np.append(w, 216.0)  # as spectrometers reach
+    check_same(import_library(envi(tmp_path / "a.sli", np.pad(E, ((0, 0), (0, 1))), far))[0],
+               atol=1e-6)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -486,12 +491,13 @@ def test_a_mat_file_of_another_range(tmp_path, capfd):
 
 
 def test_a_name_of_half_a_character_is_refused(tmp_path, capfd):
-    rows = [{"name": "a\ud800b", "emissivity": [0.9, 0.9]}]
     path = tmp_path / "half.json"
-    path.write_text(json.dumps({"wavelength_um": [7.5, 14.5], "materials": rows}))
-    assert "holds what is no text" in refused(
-        capfd, path, "--add-sky", "--out", tmp_path / "o.json"
-    )
+    for name, description, sentence in (
+        ("a\ud800b", "", "holds what is no text"), ("ab", "\ud800", "descriptions must hold")
+    ):  # fmt: skip
+        row = {"name": name, "description": description, "emissivity": [0.9, 0.9]}
+        path.write_text(json.dumps({"wavelength_um": [7.5, 14.5], "materials": [row]}))
+        assert sentence in refused(capfd, path, "--add-sky", "--out", tmp_path / "o.json")
 
 
 def test_the_bands_of_the_other_published_file(tmp_path):

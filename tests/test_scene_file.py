@@ -124,9 +124,23 @@ def test_light_is_taken_close_above_a_wide_ground(write):
     plane = {"shape": "plane", "size": [10000, 10000]}
     scene = load_scene(write(with_object(mesh=plane, scale=1)))
     tracer = Tracer(scene, MaterialLibrary.starter())
-    away = np.linalg.norm(tracer.corners - tracer.eye, axis=-1).max(axis=1)
+    away = np.linalg.norm(tracer.corners - tracer.eye, axis=-1).min(axis=1)
     assert (tracer.lift < 1e-5 * away + 1e-5).all() and len(tracer.lift) < 2000
     assert scene.objects[0].mesh.area == pytest.approx(1e8)
+
+
+@pytest.mark.parametrize("radius, height", [(0.1, 6), (3, 0.5)])
+def test_noise_of_temperature_varies_along_the_side_of_a_cylinder(write, radius, height):
+    mesh = {"shape": "cylinder", "radius": radius, "height": height}
+    field = {"mean_k": 290, "variation_k": 2, "scale_m": 1}
+    place = [0, 0, height / 2]
+    built = load_scene(
+        write(with_object(mesh=mesh, temperature_k=field, scale=1, translate=place))
+    ).objects[0]
+    assert len(built.mesh.faces) < 100_000 and built.mesh.is_watertight
+    middle = built.mesh.triangles_center
+    t = built.temperature_k[built.mesh.faces].mean(axis=1) - 290
+    assert np.sqrt(((t - 2 * value_noise(middle, 1.0, 0)) ** 2).mean()) < 0.1
 
 
 @pytest.mark.parametrize("longest_m", [0.3, 1.1, 5.0])
@@ -170,12 +184,43 @@ def test_vertices_of_a_ply_are_the_file_s_whatever_its_texture_does(write, tmp_p
 
 
 @pytest.mark.parametrize("first", range(5))
-def test_a_face_with_a_notch_is_refused(write, tmp_path, first):
-    """Cut like a fan it would cover the notch."""
+def test_a_face_with_a_notch_keeps_it(write, tmp_path, first):
+    """Cut like a fan from elsewhere than the notch it would be covered."""
     corners = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 0.5 0\nv 0 2 0\n"
     turned = [(first + i) % 5 + 1 for i in range(5)]
     (tmp_path / "q.obj").write_text(f"{corners}f {' '.join(map(str, turned))}\n")
-    with pytest.raises(InputError, match="not convex"):
+    built = load_scene(write(with_object(mesh="q.obj", scale=1))).objects[0]
+    assert built.mesh.area == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("size", [0.01, 0.1, 1.0, 30.0])
+def test_rounding_makes_no_notch(write, tmp_path, size):
+    """Corners in the middle of edges, written to six decimals."""
+    rng = np.random.default_rng(0)
+    square = np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]) * size / 2
+    lines = []
+    for turn in range(20):
+        basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in square @ basis[:2] + [0, 0, turn]]
+        lines.append(f"f {' '.join(str(8 * turn + i + 1) for i in range(8))}")
+    (tmp_path / "q.obj").write_text("\n".join(lines))
+    built = load_scene(write(with_object(mesh="q.obj", scale=1))).objects[0]
+    assert built.mesh.area == pytest.approx(20 * size**2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)],  # a U
+        [(0, 0), (1, 1), (1, 0), (0, 1)],  # a bow tie
+        [(0, 0), (2, 2), (2, 0), (0, 1)],
+    ],
+)
+def test_a_face_that_is_no_fan_is_refused(write, tmp_path, corners):
+    lines = [f"v {x} {y} 0" for x, y in corners]
+    lines.append(f"f {' '.join(str(i + 1) for i in range(len(corners)))}")
+    (tmp_path / "q.obj").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="vertices 1 2 3 4.* is no fan of triangles"):
         load_scene(write(with_object(mesh="q.obj")))
 
 

@@ -285,7 +285,7 @@ def fit(
     except torch.OutOfMemoryError as e:
         raise InputError("device: the GPU has too little memory; take --device cpu.") from e
     except RuntimeError as e:  # Lightning may stumble over what a worker's end left behind
-        if not re.search("DataLoader worker|shared memory", f"{e} {e.__context__}"):
+        if not re.search(r"DataLoader worker \(pid|shared memory", f"{e} {e.__context__}"):
             raise
         raise InputError(
             "training: a worker died, or shared memory (/dev/shm) was too small for a cube; is "

@@ -18,9 +18,7 @@ def refined(vertices, faces, longest):
         start, end = (vertices[i] for i in np.divmod(keys, len(vertices)))
         half = (start + end) / 2
         long = np.linalg.norm((end - start)[:, :3], axis=1) > longest(half[:, :3])
-        middle = np.full(len(keys), -1)
-        middle[long] = len(vertices) + np.arange(np.count_nonzero(long))
-        middle = middle[of].reshape(-1, 3)
+        middle = np.where(long, len(vertices) + np.cumsum(long) - 1, -1)[of].reshape(-1, 3)
         whole = (middle < 0).all(axis=1)
         done.append(faces[whole])
         faces = _cut(faces[~whole], middle[~whole])

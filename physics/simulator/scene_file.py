@@ -7,7 +7,6 @@ import re
 import reprlib
 import sys
 from dataclasses import fields, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,11 +21,11 @@ from .refined import refined
 from .scene import Camera, Scene, SceneObject
 
 CREASE_DEG = 40.0  # between facets of a file, from which on an edge is sharp
-# edges of a flat shape, m: over how far away they lie, and at least; likewise where its
-# temperature varies, but no shorter than that share of scale_m
-FAR, LEAST_M = 1.0, 1.0
-FAR_OF_NOISE, LEAST_OF_NOISE_M, OF_SCALE = 0.02, 1e-3, 0.25
+LEAST_M = 1.0  # edges of a shape are no longer than this, or than its distance if that is more
+# where its temperature varies, than shares of the distance and of scale_m, or than this
+OF_DISTANCE, OF_SCALE, LEAST_OF_NOISE_M = 0.02, 0.25, 1e-3
 CELSIUS_K = 100.0  # no K of any scene
+OVERLAP = 1e-3  # of a polygon's area, as by rounding
 PLANE = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
 
 # shape: its dimensions with how many numbers each has (None: one plain number), and a maker
@@ -135,15 +134,14 @@ def _object(data, index, folder, eye):
             "give a number or a field, or take OBJ or PLY."
         )
     temperature_k, noise = _temperature(data["temperature_k"], m, label)
-    if not of_file and not smooth:
-        m, temperature_k = _refined(m, temperature_k, noise, eye)
-    if noise is not None:
-        temperature_k = temperature_k + noise.amplitude_k * value_noise(
-            m.vertices, noise.scale_m, noise.seed
-        )
     name = str(data.get("name", f"object {index}"))
     mirror = _numbers(data.get("mirror", 0.0), None, f"{label} mirror")
     built = SceneObject(m, str(data["material"]), temperature_k, smooth, name, mirror)
+    if not of_file and not smooth:
+        built = _refined(built, noise, eye)
+    if noise is not None:
+        more = noise.amplitude_k * value_noise(built.mesh.vertices, noise.scale_m, noise.seed)
+        built = replace(built, temperature_k=built.temperature_k + more)
     coldest = built.temperature_k.min()
     if coldest < CELSIUS_K:
         raise InputError(
@@ -152,21 +150,21 @@ def _object(data, index, folder, eye):
     return _creased(built) if of_file and "smooth" not in data else built
 
 
-def _refined(m, temperature_k, noise, eye):
-    """A mesh and its temperatures with edges so short that noise between vertices is seen, and that
+def _refined(built, noise, eye):
+    """A SceneObject with edges so short that noise varies between vertices as it should, and that
     light is taken close above a wide ground: by a share of a triangle's coordinates (`trace`)."""
 
     def longest(middle):
         away = np.linalg.norm(middle - eye, axis=1)
-        limit = np.maximum(FAR * away, LEAST_M)
+        limit = np.maximum(away, LEAST_M)
         if noise is None:
             return limit
-        of_noise = np.maximum(FAR_OF_NOISE * away, OF_SCALE * noise.scale_m)
+        of_noise = np.maximum(OF_DISTANCE * away, OF_SCALE * noise.scale_m)
         return np.minimum(limit, np.maximum(of_noise, LEAST_OF_NOISE_M))
 
-    t = np.broadcast_to(temperature_k, len(m.vertices))
-    vertices, faces = refined(np.column_stack([m.vertices, t]), np.asarray(m.faces), longest)
-    return mesh(vertices[:, :3], faces), vertices[:, 3]
+    columns = np.column_stack([built.mesh.vertices, built.temperature_k])
+    columns, faces = refined(columns, np.asarray(built.mesh.faces), longest)
+    return replace(built, mesh=mesh(columns[:, :3], faces), temperature_k=columns[:, 3])
 
 
 def _mesh(data, label, folder):
@@ -224,7 +222,7 @@ def _read_obj(file):
     and seams, and whose vertices that are counted back from it counts from the file's end."""
     text = file.read_text(encoding="utf-8-sig", errors="replace")
     text = re.sub(r"#.*", "", text).replace("\\\n", " ")
-    vertices, faces, polygons = [], [], {}
+    vertices, polygons = [], {}
     for line in text.splitlines():
         key, *words = line.split() or [""]
         if key == "v":
@@ -236,23 +234,35 @@ def _read_obj(file):
             corners = [i - 1 if i > 0 else len(vertices) + i if i < 0 else -1 for i in corners]
             if len(corners) < 3 or min(corners) < 0:
                 raise ValueError(f"{line.strip()!r} is no face")
-            faces += [(corners[0], *pair) for pair in pairwise(corners[1:])]
-            if len(corners) > 3:
-                polygons.setdefault(len(corners), []).append(corners)
-    if faces and np.max(faces) >= len(vertices):
-        raise ValueError(f"a face has vertex {np.max(faces) + 1} of {len(vertices)}")
+            polygons.setdefault(len(corners), []).append(corners)
     vertices = np.reshape(vertices, (-1, 3))
-    if any(_concave(vertices[np.array(corners)]).any() for corners in polygons.values()):
-        raise ValueError("a face of more than three corners is not convex: export triangles")
-    return trimesh.Trimesh(vertices, faces, process=False)
+    most = max((np.max(corners) for corners in polygons.values()), default=-1)
+    if most >= len(vertices):
+        raise ValueError(f"a face has vertex {most + 1} of {len(vertices)}")
+    faces = [_fans(vertices, np.array(corners)) for corners in polygons.values()]
+    return trimesh.Trimesh(vertices, np.concatenate([np.empty((0, 3), int), *faces]), process=False)
 
 
-def _concave(polygon):
-    """(n,) whether polygons (n, corners, 3), which are cut like fans, turn back somewhere."""
-    edge = np.roll(polygon, -1, axis=1) - polygon
-    turn = np.cross(edge, np.roll(edge, -1, axis=1))
-    area = np.cross(polygon - polygon[:, :1], edge).sum(axis=1, keepdims=True)
-    return ((turn * area).sum(axis=-1) < -1e-6 * (area**2).sum(axis=-1)).any(axis=1)
+def _fans(vertices, corners):
+    """Triangles (n, 3) of polygons (m, corners) of vertices (v, 3), each a fan from its first corner
+    from where its triangles do not overlap."""
+    fans, left = [], corners
+    for _ in range(corners.shape[1]):
+        p = vertices[left]
+        area = np.cross(p[:, 1:-1] - p[:, :1], p[:, 2:] - p[:, :1])
+        whole = area.sum(axis=1)
+        along = np.einsum("mtx,mx->mt", area, whole)
+        least = OVERLAP * np.linalg.norm(area, axis=2).sum(axis=1)
+        size = np.linalg.norm(whole, axis=1)
+        covers = (along >= -least[:, None] * size[:, None]).all(axis=1) & (size >= least)
+        of = left[covers]
+        first = np.broadcast_to(of[:, :1], of[:, 2:].shape)
+        fans.append(np.stack([first, of[:, 1:-1], of[:, 2:]], axis=-1).reshape(-1, 3))
+        left = np.roll(left[~covers], -1, axis=1)
+    if len(left):
+        named = " ".join(str(i + 1) for i in left[0])
+        raise ValueError(f"the face of vertices {named} is no fan of triangles: export triangles")
+    return np.concatenate(fans)
 
 
 class _Noise(NamedTuple):

@@ -35,7 +35,7 @@ def simulate(
     """
     library = MaterialLibrary.starter() if library is None else library
     fine_um = np.unique(Bands.of(wavelength_um, fwhm_um).fine_um)
-    if not library.covers(fine_um).all():
+    if not library.covers(fine_um).all():  # said in terms of bands: there is no cube yet
         (low, high), (first, last) = library.wavelength_um[[0, -1]], fine_um[[0, -1]]
         raise InputError(
             f"bands: they reach from {first:.4g} to {last:.4g} um, but the library's curves from "

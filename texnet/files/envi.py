@@ -137,8 +137,8 @@ def read_spectra(path):
     names = tuple(name.strip() for name in names)
     titles = header.word("z plot titles", "").strip("{} ").partition(",")
     quantity = header.word("y axis title", titles[2].strip())
-    good = np.ones(len(centre)) if (bbl := header.numbers("bbl", len(centre))) is None else bbl
-    good = good != 0
+    bbl = header.numbers("bbl", len(centre))
+    good = np.ones(len(centre), bool) if bbl is None or not bbl.any() else bbl != 0
     bad = np.count_nonzero(~good)
     return Spectra(names, values[:, good], centre[good], bad, axis, quantity, bool(scaled))
 

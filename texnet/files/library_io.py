@@ -154,9 +154,10 @@ def read_names(path):
 
 def _thermal(w, name):
     """(n,) which of w, um, are of TEXT_RANGE_UM; InputError unless two are."""
-    w, (low, high) = check_wavelength(w, "library"), TEXT_RANGE_UM
+    low, high = TEXT_RANGE_UM
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
+        check_wavelength(w, "library")  # may know the unit that was meant
         raise InputError(
             f"library: {name} covers {w.min():.4g}-{w.max():.4g} um, with no two bands in "
             f"{low:g}-{high:g} um; take another, unless its unit of wavelengths is stated wrongly."
