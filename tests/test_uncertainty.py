@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 from scipy.optimize import minimize_scalar
-from traced import names_of, one_thread, traced  # noqa: F401
+from traced import names_of, one_thread, right, traced  # noqa: F401
 
 from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
@@ -29,6 +29,15 @@ from texnet.uncertainty import (
     with_calibration_error,
     with_level_error,
 )
+
+
+@pytest.mark.parametrize("method", ["local", "sgd"])
+def test_what_is_called_sky_though_something_stands_before_it_has_a_sigma_that_holds(method):
+    """Leaves, which the sky shows through: T is that of the likeliest of many materials."""
+    truth, d = traced("forest", 54)[1], right("forest", 54, method)
+    at = (names_of(truth) != "sky") & (names_of(d) == "sky")
+    off = np.abs(d.temperature_k - truth.temperature_k)[at]
+    assert at.sum() > 100 and (off < 2 * d.temperature_sigma_k[at]).mean() > 0.95
 
 
 @settings(deadline=None, max_examples=20)

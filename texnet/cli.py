@@ -156,10 +156,11 @@ def _cubes(to):
         help="of the radiance: W/m2/sr/um, mW/m2/sr/um, microflick, W/m2/sr/cm-1 ...; HADAR's is "
         "known",
     )  # fmt: skip
-    for name, example in (("--wavelengths", "um, such as 8:14"), ("--wavenumbers", "cm-1")):
+    for name, example in (("--wavelengths", "um, as 8.06:13.94"), ("--wavenumbers", "cm-1")):
         p.add_argument(
             name, metavar="FIRST:LAST", type=_first_last,
-            help=f"where the file does not say: first and last band in {example}; equidistant",
+            help="where the file does not say: centres, not edges, of the first and the last band "
+            f"in {example}; equidistant",
         )  # fmt: skip
     p.add_argument(
         "--fwhm", metavar="WIDTH", type=_width,

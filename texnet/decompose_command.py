@@ -20,6 +20,7 @@ from .metrics import evaluate, names_lacking, non_sky
 # in texnet/data, its truth beside it; `texnet simulate forest --seed 1 --size 160x240 --bands 36
 # --spp 256` made both
 DEMO_CUBE = "forest.exr"
+MANY_BANDS = 9  # fewer tell materials badly apart
 SUSPICIOUS_K, SUSPICIOUS = 1.0, 10.0  # of noise, also times what is stated
 
 
@@ -213,7 +214,8 @@ def _netd(r):
     taken = own * r["noise_raised"]
     if round(1e3 * taken) == round(1e3 * own):
         return netd
-    why = "at less no material fits (library, calibration?)"
+    maybe = "library, calibration, environment?" if r["environment"] else "library, calibration?"
+    why = f"at less no material fits ({maybe})"
     if taken < 1.001 * LEAST_NETD_K:
         why = "the model of the surroundings is no better"
     return f"{netd}, taken for {1e3 * taken:.0f} mK: {why}"
@@ -227,13 +229,17 @@ def _of_objects(k, chosen, given, bands):
         yield f"Objects      k = {k}, as given: {names}{more}"
         if given["error_k"]:
             yield (
-                f"Environment  likely {given['error_k']:.0f} K off, by what fits: T and its sigma "
-                "take that into account"
+                f"Environment  likely about {given['error_k']:.0f} K off, or it lacks objects, by "
+                "what fits: T and its sigma take that into account"
             )
         return
     yield f"Objects      k = {k}{', chosen' if chosen else ''}"
-    if k >= bands > 1:
-        yield f"Few bands    {bands} do not tell {k} objects apart: V leans on what is usual"
+    if 1 < bands < MANY_BANDS:
+        apart = f", nor {k} objects: V leans on what is usual" if k >= bands else ""
+        yield (
+            f"Few bands    {bands} hardly tell similar materials apart, as bark and grass, which may "
+            f"be confused without being marked unknown{apart}"
+        )
 
 
 def _corrections(r):
@@ -274,6 +280,31 @@ def _of_temperature(t):
         )
 
 
+def _of_sky(r):
+    """Why texture is not what the sky lights, or which sky that is, unless it was found."""
+    instead = "texture is what no material explains"
+    if r["environment"]:
+        if not r["sky_objects"]:
+            yield f"Sky          no object's name begins with sky or downwelling: {instead}"
+    elif not r["sky_in_library"]:
+        yield (
+            f"Sky          the library has none: sky pixels get other names, and {instead}; import "
+            "it with --add-sky, or add a material named sky"
+        )
+    elif r["sky_assumed"]:
+        yield (
+            "Sky          none in view: a usual clear one is assumed, with which the pixels are "
+            "likelier (from above that is right; else is it in the picture, clear, at its top?)"
+        )
+    elif not r["sky_in_view"]:
+        yield (
+            f"Sky          none in view: {instead}. Outdoors that is wrong: is the picture upside "
+            "down, the sky cloudy or not in it, the unit another?"
+        )
+    elif not r["sky_objects"]:
+        yield f"Sky          no object of k = 1 stands for it: {instead}"
+
+
 def _summary(r):
     shares = list(r["materials"].items())
     shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
@@ -282,6 +313,7 @@ def _summary(r):
         f"{r['bands']} band{'s' * (r['bands'] > 1)}, {_netd(r)}",
         *_corrections(r),
         *_of_objects(r["k"], r["k_chosen"], r["environment"], r["bands"]),
+        *_of_sky(r),
         *_of_temperature(r["temperature_k"]),
         "Materials    " + ", ".join(f"{name} {100 * s:.0f} %" for name, s in shown),
         f"Not sure     {100 * r['unknown']:.1f} % of the {'measured ' if r['dead'] else ''}pixels "
@@ -297,26 +329,6 @@ def _summary(r):
             f"Method       {r['method']}: {foreseen:.1f} s per megapixel foreseen, {allowed:g} "
             "allowed"
         )
-    if r["environment"]:
-        if not r["sky_objects"]:
-            lines.append("Sky          no object is named sky: texture is the residual")
-    elif not r["sky_in_library"]:
-        lines.append(
-            "Sky          the library has none: sky pixels get other names, and texture is the "
-            "residual; import it with --add-sky, or add a material named sky"
-        )
-    elif r["sky_assumed"]:
-        lines.append(
-            "Sky          none in view: a usual clear one is assumed, with which the pixels are "
-            "likelier (from above that is right; else is it in the picture, clear, at its top?)"
-        )
-    elif not r["sky_in_view"]:
-        lines.append(
-            "Sky          none in view: texture is the residual; outdoors that is wrong (is the "
-            "sky in the picture, clear, and at its top?)"
-        )
-    elif not r["sky_objects"]:
-        lines.append("Sky          no object of k = 1 stands for it: texture is the residual")
     if r["metrics"] is not None:
         m, today = r["metrics"], r["metrics"]["baselines"]
         lacks = ", ".join(m["not_in_library"][:4]) + (", ..." if m["not_in_library"][4:] else "")

@@ -28,7 +28,7 @@ TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
 RADIANCE = "W/m²/sr/µm"
 STRETCHED = 8.0  # a picture so many times as wide as high, or as high as wide, fills its panel
-LEAST_SHARE, MOST_NAMES = 0.001, 16  # of the pixels, and of materials in a legend
+LEAST_SHARE, MOST_NAMES = 0.005, 16  # of the pixels, and of materials in a legend
 LETTER_INCHES, LINE_INCHES = 0.067, 0.19  # of a legend's text
 
 
@@ -165,7 +165,7 @@ def _texture_title(d):
     # Without a sky the pipeline shows the residual instead (physics.exact.distill).
     if not d.sky:
         return "residual texture (noise units)"
-    return f"sky-lit X ({RADIANCE})"
+    return "sky-lit X (relative)"
 
 
 def _span(*pictures):

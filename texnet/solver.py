@@ -102,15 +102,19 @@ def _by_tiles(model, radiance, threads, regions=None, progress=None):
     return run_tiled(tile, radiance, 0, pixels, progress, at_once=threads, cuts=cuts)
 
 
-def _temperature_at_sky(spectra, library, model, local, state, sky):
+def _temperature_at_sky(spectra, model, local, state, sky, other, trust):
     """T and its sigma, K, of sky pixels: of what stands before the sky, if any, or the air's."""
-    energy = local.energy[sky].copy()
-    of_sky = energy[:, library.sky_index].copy()
-    energy[:, library.sky_index] = np.inf
+    energy, at = local.energy[sky], model.library.sky_index
+    of_sky = energy[:, at].copy()
+    energy[:, at] = np.inf
     best = energy.argmin(axis=1)
     p = np.arange(len(best))
     rim = (model.sky_share[state.row[sky]] < 1) | (energy[p, best] - of_sky < RIM_NATS)
-    t, sigma = local.temperature_k[sky][p, best], local.sigma_k[sky][p, best]
+    solid = np.exp(trust * (energy[p, best][:, None] - energy))
+    solid /= solid.sum(axis=1, keepdims=True)
+    each, sigmas = local.temperature_k[sky], local.sigma_k[sky]
+    t = each[p, best]
+    sigma = _sigma(each, sigmas, solid, t, sigmas[p, best], 1.0, other)
     air = brightness_temperature(model.wavelength_um.astype(np.float32), spectra[sky][~rim])
     t[~rim], sigma[~rim] = air.max(axis=1), AIR_SIGMA_K  # as warm as its opaque bands look
     return t, sigma
@@ -128,9 +132,13 @@ def _maps(radiance, model, local, answer, trust, threads):
     )
     sky = state.material == (library.sky_index if model.environment.sky_mean is not None else -1)
     lighting = np.where(sky[:, None], 0.0, state.thermal_lighting)
-    t, sigma = state.temperature_k.copy(), _sigma(local, answer, probability, residual)
+    t, other = state.temperature_k.copy(), 1 - probability[np.arange(len(spectra)), state.material]
+    each, sigmas = local.temperature_k, local.sigma_k
+    sigma = _sigma(each, sigmas, probability, t, answer.sigma_k, residual, other)
     if sky.any():
-        t[sky], sigma[sky] = _temperature_at_sky(spectra, library, model, local, state, sky)
+        t[sky], sigma[sky] = _temperature_at_sky(
+            spectra, model, local, state, sky, other[sky], trust
+        )
     known = _known(local, state, probability, trust) & fits(residual, len(radiance)) & (t > 0)
     as_map = lambda a, dtype=np.float32: np.ascontiguousarray(
         a.reshape(*a.shape[:-1], *radiance.shape[1:]), dtype
@@ -149,14 +157,13 @@ def _maps(radiance, model, local, answer, trust, threads):
     }
 
 
-def _sigma(local, answer, probability, residual):
-    """(P,) sigma of T, K: the answer's own or, if more, that among all materials, times a misfit
-    beyond the noise (Birge's ratio); and what others than the library's would say."""
-    state, p = answer.state, np.arange(len(residual))
-    off = local.temperature_k - state.temperature_k[:, None]
-    variance = (probability * (local.sigma_k**2 + off**2)).sum(1)
-    variance = np.maximum(variance, answer.sigma_k**2) * np.maximum(residual, 1) ** 2
-    return np.sqrt(variance + OTHER_K**2 * (1 - probability[p, state.material]))
+def _sigma(each_k, sigmas_k, probability, temperature_k, own_k, residual, other):
+    """(P,) sigma of T, K: its own_k or, if more, that among all materials' (P, L) each_k and
+    sigmas_k, times a misfit beyond the noise (Birge's ratio); and what others than the library's
+    would say, with the chance (P,) of one."""
+    variance = (probability * (sigmas_k**2 + (each_k - temperature_k[:, None]) ** 2)).sum(1)
+    variance = np.maximum(variance, own_k**2) * np.maximum(residual, 1) ** 2
+    return np.sqrt(variance + OTHER_K**2 * other)
 
 
 def _known(local, state, probability, trust):

@@ -44,7 +44,9 @@ def check_wavelength(wavelength_um, what):
             f"{what}: wavelengths reach {w.max():g}, which looks like nm or cm-1; give them in um."
         )
     if (np.diff(w) <= 0).any():
-        raise InputError(f"{what}: wavelengths must ascend without repeats; sort the bands.")
+        raise InputError(
+            f"{what}: wavelengths must ascend without repeats; sort them, as texnet import does."
+        )
     w.setflags(write=False)
     return w
 
@@ -96,7 +98,7 @@ class HeatCube(ReadOnly):
         if s.shape[0] != w.size:
             raise InputError(
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
-                "give one wavelength per band, bands first."
+                "give one wavelength per band, bands first (texnet import turns such files)."
             )
         stated = np.zeros(s.shape[1:], bool) if self.dead is None else np.asarray(self.dead)
         if stated.shape != s.shape[1:] or stated.dtype != bool or stated.all():

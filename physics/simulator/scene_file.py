@@ -244,8 +244,8 @@ def _read_obj(file):
 
 
 def _fans(vertices, corners):
-    """Triangles (n, 3) of polygons (m, corners) of vertices (v, 3), each a fan from its first corner
-    from where its triangles do not overlap."""
+    """Triangles (n, 3) of polygons (m, corners) of vertices (v, 3), each a fan from its first
+    corner from where these do not overlap."""
     fans, left = [], corners
     for _ in range(corners.shape[1]):
         p = vertices[left]

@@ -15,6 +15,7 @@ The unit is the caller's to say.
 Heat cubes themselves (`cube_io`), of which a part is wanted.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from .raw_cube import UNITS, RawCube, heat_cube, part_of
 from .wavelengths import PER_UM
 
 HEAT_CUBE = "heat cube"
+TEMPERATURE = re.compile(r"kelvin|celsius|°C|temperature|^\s*K\s*$", re.IGNORECASE)  # in a header
 HADAR_MAT, HADAR = "HADAR .mat", ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
@@ -88,6 +90,11 @@ def import_cube(
             says = "does not say which unit its radiance is in"
             if raw.unit_said:
                 says = f"says {raw.unit_said!r}"
+            if TEMPERATURE.search(raw.unit_said):
+                raise InputError(
+                    f"cube: {path} {says}: temperatures; take the radiance that they were made of, "
+                    "in which materials differ."
+                )
             raise InputError(f"cube: {path} {says}; give --unit, one of {', '.join(UNITS)}.")
         cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
     except OSError as e:

@@ -60,7 +60,12 @@ def read_envi(path):
     header, binary = _pair(Path(path), "cube")
     bands = header.whole("bands", least=1)
     dtype, interleave, numbers, unread = _numbers(header, binary, CUBES)
-    words = [f"{unread} bytes after the last pixel left unread"] if unread else []
+    words, band = [], header.whole("lines") * header.whole("samples") * dtype.itemsize
+    if unread:
+        more = (
+            f", as much as {unread // band} more bands: is bands right?" if unread >= band else ""
+        )
+        words = [f"{unread} bytes after the last pixel left unread{more}"]
     gain, offset, scaled = _scale(header, bands)
     centre, fwhm = header.numbers("wavelength", bands), header.numbers("fwhm", bands)
     said, hint = header.word("wavelength units", ""), ""
