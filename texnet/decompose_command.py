@@ -237,8 +237,8 @@ def _of_objects(k, chosen, given, bands):
     if 1 < bands < MANY_BANDS:
         apart = f", nor {k} objects: V leans on what is usual" if k >= bands else ""
         yield (
-            f"Few bands    {bands} hardly tell similar materials apart, as bark and grass, which may "
-            f"be confused without being marked unknown{apart}"
+            f"Few bands    {bands} hardly tell apart what is alike, as bark and grass, which may "
+            f"be confused and not marked unknown{apart}"
         )
 
 
