@@ -9,11 +9,13 @@ t = (T - T_0) / tau, Eq. 1 costs, in nats over the evidence and with V on the si
               + (T - T_0)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is made narrower
 
 (tau covers nearly every pixel, for the series' sake; a mirror's T is better guessed than that.)
-V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull
-p = kappa V'_0 - (kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a
-constant. What the other priors change of the evidence's determinant belongs to E, too. L'_2 is
-triangular, so its last rows are E of T alone, V being free: FREE_STEPS of Newton's there, which
-cost little. Then a step of T and V, or several:
+V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull p = kappa V'_0 -
+(kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a constant. What the
+other priors change of the evidence's determinant belongs to E, too; not that it counts the series'
+coefficients as free, by which what reflects little is up to some 3 nats less likely beside metals
+than it should be: the network was trained with that. L'_2 is triangular, so its last rows are E of
+T alone, V being free: FREE_STEPS of Newton's there, which cost little. Then a step of T and V, or
+several:
 
 1. linearise c at the present T: mean and covariance, the inverse Fisher information, of (T, V);
 2. while some V_j < 0, condition this Gaussian on the most doubtful being zero (a rank-one

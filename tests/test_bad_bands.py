@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from traced import averaged, one_thread, traced  # noqa: F401
+from traced import averaged, names_of, one_thread, right, traced  # noqa: F401
 
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
@@ -162,6 +162,24 @@ def test_the_noise_of_a_striped_cube_is_what_it_shows(stripes):
         assert not bad and seen.netd_k > cube.netd_k
         found.append(seen.netd_k / total)
     assert 0.5 < min(found) and max(found) < 1.15 and np.mean(found) < 1.1
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_camera_s_bands_may_differ_in_noise(stated):
+    """Every third is three times as noisy, and said to be."""
+    cube, truth = traced("forest", 36)
+    relative = np.where(np.arange(36) % 3, 1.0, 3.0)
+    more = np.sqrt(relative**2 - 1) * cube.sigma
+    noise = more[:, None, None] * np.random.default_rng(0).standard_normal(cube.radiance.shape)
+    shown = HeatCube(
+        cube.radiance + noise, cube.wavelength_um, cube.fwhm_um, cube.netd_k if stated else None,
+        relative_noise=relative,
+    )  # fmt: skip
+    d = decompose(shown)
+    assert d.netd_k == pytest.approx(cube.netd_k, rel=0.15) and d.noise_raised == 1
+    assert not d.left_out
+    as_many = lambda d: (names_of(d) == names_of(truth)).mean()
+    assert as_many(d) > as_many(right("forest", 36)) - 0.03
 
 
 def test_noise_that_is_stated_too_low_is_seen():

@@ -36,7 +36,8 @@ NO_RADIANCE = f"no radiance in more than {FEW:.0%} of the pixels"
 def without_bad_bands(cube):
     """A HeatCube less its bad bands, of the noise that it shows (itself if nothing is amiss), and
     {wavelength_um: why} of the bad bands."""
-    w, squares = cube.wavelength_um, squares_of(cube) / noise_sigma(cube.wavelength_um, 1.0)
+    w = cube.wavelength_um
+    squares = squares_of(cube) / (noise_sigma(w, 1.0) * cube.relative_noise)
     squares[..., ~lit(squares).all(axis=(0, 1))] = 0
     bad = {}
     while found := _bad(w, squares, [b for b in range(len(w)) if b not in bad]):

@@ -73,8 +73,9 @@ class HeatCube(ReadOnly):
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
     dead           (height, width) bool, pixels that were not measured, as the camera's maker may
                    say; those that are found are added
-    relative_noise  (bands,) noise of each band over that which netd_k says, as air leaves it that
-                   was taken out (`texnet.camera.correction`); 1 of all if None; not kept in files
+    relative_noise  (bands,) noise of each band over that which netd_k says, where a camera's bands
+                   differ, or as air leaves it that was taken out (`texnet.camera.correction`);
+                   1 of all if None; not kept in files
 
     Raises InputError, in one sentence, where the data are not that.
     """

@@ -40,7 +40,7 @@ def estimated_netd(cube):
     """
     squares = squares_of(cube)
     shows = lit(squares).all(axis=(0, 1))
-    in_k = noise_sigma(cube.wavelength_um[shows], 1.0)
+    in_k = (noise_sigma(cube.wavelength_um, 1.0) * cube.relative_noise)[shows]
     if len(in_k) == 1:
         noise = _of_one_band(cube, np.flatnonzero(shows)[0])
     else:
@@ -121,7 +121,8 @@ def noise_of_bands(differences, texture, alike):
 
 def _of_one_band(cube, band):
     """K, or None where no column has three measured pixels on end."""
-    s = cube.radiance[band].astype(np.float64) / noise_sigma(cube.wavelength_um[band], 1.0)
+    in_k = noise_sigma(cube.wavelength_um[band], 1.0) * cube.relative_noise[band]
+    s = cube.radiance[band].astype(np.float64) / in_k
     dead = cube.dead | saturated(cube)
     measured = ~(dead[:-2] | dead[1:-1] | dead[2:])
     second = np.abs(s[1:-1] - 0.5 * (s[:-2] + s[2:]))[measured]
