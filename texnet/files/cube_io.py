@@ -58,8 +58,8 @@ def read_cube(path):
     """Read a heat cube from an .exr or .npz file (see the module for their layouts).
 
     Bands come back in um and W m-2 sr-1 um-1 whatever the file's own units, an .exr's in ascending
-    order (an .npz's must be so). A large
-    cube is not held in memory but unpacked into a temporary file.
+    order (an .npz's must be so). A large cube is not held in memory but unpacked into a temporary
+    file.
 
     Raises InputError if the file is missing, damaged, or leaves its units open.
     """
