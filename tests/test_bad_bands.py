@@ -11,6 +11,7 @@ from traced import averaged, names_of, one_thread, right, traced  # noqa: F401
 from physics import Environment, HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
 from physics.cube.bad_bands import NO_RADIANCE, without_bad_bands
+from physics.cube.prepared import prepared
 from physics.estimate import estimate_environment
 from physics.machinery import scratch
 from physics.planck import noise_sigma, planck
@@ -180,6 +181,18 @@ def test_a_camera_s_bands_may_differ_in_noise(stated):
     assert not d.left_out
     as_many = lambda d: (names_of(d) == names_of(truth)).mean()
     assert as_many(d) > as_many(right("forest", 36)) - 0.03
+
+
+def test_no_band_is_taken_for_less_noisy_than_the_model_is_good():
+    """Nor any that is noisier for more than it is, however the two are stated."""
+    cube = traced("forest", 18)[0]  # of so few bands the noise that is stated stands
+    for netd_k, relative in ((0.0125, (1.0, 4.0)), (0.05, (0.1, 1.0))):
+        own = HeatCube(
+            cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k,
+            relative_noise=np.resize(relative, 18),
+        )  # fmt: skip
+        taken = prepared(own, LIBRARY).cube
+        np.testing.assert_allclose(taken.netd_k * taken.relative_noise, np.resize((0.02, 0.05), 18))
 
 
 def test_noise_that_is_stated_too_low_is_seen():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from traced import averaged, one_thread, traced  # noqa: F401
 
@@ -62,6 +62,16 @@ def test_of_a_traced_scene(name, too_long):
     assert abs(spectral_shift(stated(cube, too_long), LIBRARY) - too_long) < NEAR_UM
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("first_um", [7.8, 8.0, 8.075, 8.15])
+def test_bands_just_as_coarse_as_they_may_be(first_um, dtype):
+    """Whatever a multiple of 0.15 um is rounded to."""
+    w = (first_um + 0.15 * np.arange(40)).astype(dtype).astype(float)
+    width = np.full(40, 0.15)
+    cube = uniform(sky(Atmosphere(280.0, 1.0), 0.5, w, width), w, width)
+    assert abs(spectral_shift(stated(cube, 0.3), LIBRARY) - 0.3) < 0.05
+
+
 @pytest.mark.parametrize("air_mass", [1.5, 4.0])
 @pytest.mark.parametrize("too_long", [-0.4, -0.11, 0.0, 0.23, 0.34])
 def test_of_a_sky_of_another_shape_to_half_a_band(too_long, air_mass):
@@ -97,6 +107,10 @@ def test_what_is_farther_off_than_is_looked_for_is_not_given_as_less(too_long):
     st.integers(0, len(LIBRARY) - 1), st.floats(260, 320), st.floats(-20, 40) | st.floats(100, 600),
     st.sampled_from([None, 1.0, 0.3, 0.05]), st.floats(-3, 30), st.integers(0, 9),
 )  # fmt: skip
+@example(18, 260.0, 22.0, 0.3, 0.0, 0)  # glass, whose own band lies beside the ozone's
+@example(18, 260.0, 35.0, 1.0, 0.0, 0)
+@example(18, 275.0, 10.0, 0.3, 0.0, 0)
+@example(18, 275.0, 0.0, 1.0, 0.0, 0)
 def test_no_material_passes_for_a_shifted_sky(m, air_k, warmer, cos_zenith, roof, seed):
     """Under a sky, or a roof (None) some kelvin warmer than the air; and where it glows."""
     w, fwhm = BANDS

@@ -269,7 +269,9 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
     sigma = sigma_among_neighbours(sigma, t, maps["material"])
     sigma = with_level_error(sigma, maps, library, cube)
-    shared_k = float(np.hypot(calibration_error_k, shared_error_k(found, cube)))
+    # an error of the radiance as it came, of which air and a gain were taken
+    stated_k = calibration_error_k * cube.netd_k / (found.noise * of.ready.cube.netd_k)
+    shared_k = float(np.hypot(stated_k, shared_error_k(found, cube)))
     if shared_k:
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k)
     if found.suspected_k:

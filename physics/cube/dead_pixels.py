@@ -78,7 +78,7 @@ def dead_pixels(radiance, wavelength_um, stated=False):
     half = float(np.quantile(share, 0.5, method="lower"))
     dead_of_them = np.count_nonzero(dead & ~empty) / of
     if max(half, dead_of_them) > FEW:
-        b = np.flatnonzero(share if half > FEW else (share > 0) & (share <= FEW))[0]
+        b = np.flatnonzero(share > FEW if half > FEW else (share > 0) & (share <= FEW))[0]
         row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]
         raise Implausible(
             f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero or negative, NaN or "

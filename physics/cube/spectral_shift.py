@@ -23,9 +23,10 @@ EDGE_UM = 0.25  # they reach as near to LOW_UM and HIGH_UM
 # from band to band, and where some are left out. Of skies made at random 0.17 um hid the ozone of
 # some that were humid and low: wavelengths that were right would have been moved by 0.1 um
 COARSEST_UM, GAP_UM = 0.15, 0.4
+TINY_UM = 1e-5  # as wavelengths are rounded in files
 FARTHEST_UM, STEP_UM = 0.45, 0.01  # of the search
 LEAST_UM, LEAST_SPACINGS = 0.03, 0.25  # a shift less than these changes little
-LIKE_SKY, BETTER = 0.8, 0.9  # misfit over that of a grey body, and over that as stated
+LIKE_SKY, BETTER = 0.8, 0.8  # misfit over that of a grey body, and over that as stated
 CONTRAST_K = 10.0  # of brightness temperature between bands, of a clear sky at least
 WARMEST_K = 330.0  # of air
 MOST_CONTRAST = 0.8  # of the pixels that are looked at, over the most (but for 2 %: defects)
@@ -110,6 +111,6 @@ def _spacing(w):
 
 def _spans_ozone(w):
     """Whether bands at w, off by FARTHEST_UM or not, tell where ozone begins and ends."""
-    if len(w) < 2 or _spacing(w) > COARSEST_UM or np.diff(w).max() > GAP_UM:
+    if len(w) < 2 or _spacing(w) > COARSEST_UM + TINY_UM or np.diff(w).max() > GAP_UM + TINY_UM:
         return False
     return w[0] < LOW_UM + EDGE_UM and w[-1] > HIGH_UM - EDGE_UM

@@ -20,8 +20,9 @@ times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by fro
 fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
 T, to which all bands add up, may be off by SHARED times as much in all pixels alike.
 
-Where no sky is in view, all this but the air is looked at without a sky, and whether pixels are
-likelier with one that is assumed (`sky_is_likelier`) before it is looked at with that. Where the
+Where no sky is in view, all this but wavelengths and the air is looked at without a sky, and
+whether pixels are likelier with one that is assumed (`sky_is_likelier`) before it is looked at with
+that. Where the
 environment is given no gain, offset or air is looked for, but whether the environment is off
 (`error_of_given`).
 
@@ -144,7 +145,8 @@ def _suspected_k(scene, nats_of, found, suspected, noise):
     """K by which T of a _Scene may be another than with the Calibration found, rms of those that
     are suspected and as likely; 0 if none is. Distances are what they are at a noise."""
     if found.bands:  # whose gains are many enough to make up for any error of all
-        suspected = [c for c in suspected if scene.left(c) <= _just(scene.part) + RISE]
+        left = lambda c: scene.left(c, scene.distance_m(c, noise))
+        suspected = [c for c in suspected if left(c) <= _just(scene.part) + RISE]
     else:
         loss = losses(nats_of.each([found, *suspected]))
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
