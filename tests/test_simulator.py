@@ -649,7 +649,7 @@ def test_open_room_is_refused():
         (dict(spp=2.5), "spp must be a whole number .*, got 2.5"),
         (dict(seed=-1), "seed must be a whole number of 0"),
         (dict(netd_k=-1), "NETD"),
-        (dict(wavelength_um=[20.0, 21.0, 22.0]), "curves cover"),
+        (dict(wavelength_um=[20.0, 21.0, 22.0]), "reach from 20 to 22 um"),
         (dict(fwhm_um=[0.1]), "one width"),
         (dict(library=OUTDOOR.subset(["soil", "sky"])), "no material 'paint'"),
         (dict(library=OUTDOOR.subset(["soil", "paint"])), "no 'sky'"),
