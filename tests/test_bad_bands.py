@@ -186,13 +186,16 @@ def test_a_camera_s_bands_may_differ_in_noise(stated):
 def test_no_band_is_taken_for_less_noisy_than_the_model_is_good():
     """Nor any that is noisier for more than it is, however the two are stated."""
     cube = traced("forest", 18)[0]  # of so few bands the noise that is stated stands
-    for netd_k, relative in ((0.0125, (1.0, 4.0)), (0.05, (0.1, 1.0))):
+    for netd_k, relative, taken_k in (
+        (0.0125, (1.0, 4.0), 0.02), (0.05, (0.1, 1.0), 0.05), (0.0125, (1.6, 4.0), 0.0125)
+    ):  # fmt: skip
         own = HeatCube(
             cube.radiance, cube.wavelength_um, cube.fwhm_um, netd_k,
             relative_noise=np.resize(relative, 18),
         )  # fmt: skip
         taken = prepared(own, LIBRARY).cube
         np.testing.assert_allclose(taken.netd_k * taken.relative_noise, np.resize((0.02, 0.05), 18))
+        assert taken.netd_k == taken_k
 
 
 def test_noise_that_is_stated_too_low_is_seen():

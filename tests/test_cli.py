@@ -239,6 +239,8 @@ def test_library(capfd):
     code, out, _ = run(capfd, "library", "show", "water", "--json")
     shown = last_json(out)
     assert code == 0 and len(shown["emissivity"]) == len(shown["wavelength_um"]) > 10
+    out = run(capfd, "library", "show", "water")[1]
+    assert "One of 8 each is shown" in out and out.count("\n") < 25
     assert "no material 'cheese'" in refused(capfd, "library", "show", "cheese")
 
 

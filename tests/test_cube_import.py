@@ -305,7 +305,10 @@ def test_names_of_header_and_binary(tmp_path, names):
 def test_bytes_after_the_last_pixel_are_said(tmp_path):
     cube, note = import_cube(envi(tmp_path / "a", S, tail=13), "W/m2/sr/um")
     check_same(cube)
-    assert "13 bytes after the last pixel left unread" in note
+    assert "13 bytes after the last pixel left unread;" in note
+    band = S[0].size * np.dtype("<f4").itemsize
+    note = import_cube(envi(tmp_path / "a", S, tail=2 * band), "W/m2/sr/um")[1]
+    assert "as much as 2 more bands: is bands right?" in note
 
 
 @pytest.mark.parametrize(
@@ -838,6 +841,10 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
         import_cube(path)
     with pytest.raises(InputError, match="does not say which unit"):
         import_cube(envi(tmp_path / "a", S))
+    for temperature in ("Kelvin", "K", "deg C", "Brightness Temperature (K)"):
+        path = envi(tmp_path / "a", S, **{key.replace(" ", "_"): temperature})
+        with pytest.raises(InputError, match="temperatures; take the radiance"):
+            import_cube(path)
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,18 @@ def test_sigma_holds_a_calibration_error_that_is_stated(method):
     assert held[0] < 0.75 and held[1] > 0.95
 
 
+def test_what_is_stated_is_of_the_radiance_as_it_came():
+    """Of which a gain that was found is taken out."""
+    cube, more = traced("forest", 54)[0], []
+    for gain in (1.0, 1.1):
+        shown = HeatCube(gain * cube.radiance, cube.wavelength_um, cube.fwhm_um, gain * cube.netd_k)
+        without, stated = (decompose(shown, method="local", calibration_error_k=k) for k in (0, 2))
+        assert without.gain == pytest.approx(gain, abs=0.01)
+        squares = stated.temperature_sigma_k**2 - without.temperature_sigma_k**2
+        more.append(np.sqrt(np.median(squares)))
+    assert more[1] == pytest.approx(more[0] / 1.1, rel=0.02)
+
+
 @pytest.mark.parametrize("wrong", [-1, float("nan"), 11, "1", None, [1, 2]])
 def test_a_calibration_error_that_is_none(wrong):
     with pytest.raises(InputError, match="calibration_error_k must be"):

@@ -35,7 +35,7 @@ def import_(args):
     write_cube(cube, args.out)
     text = f"{note}\n{_size(args.out, cube)}"
     if (truth := truth_path(args.file)).exists():
-        text += f"\n{truth} is not of it: what is imported has no truth beside it."
+        text += f"\n{truth} does not belong to {args.out}: what is imported has no truth beside it."
     return text, {
         "command": "import", "cube": args.out, "note": note, "bands": cube.bands,
         "size": cube.shape, "wavelength_um": cube.wavelength_um, "netd_k": cube.netd_k,

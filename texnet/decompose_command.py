@@ -20,7 +20,7 @@ from .metrics import evaluate, names_lacking, non_sky
 # in texnet/data, its truth beside it; `texnet simulate forest --seed 1 --size 160x240 --bands 36
 # --spp 256` made both
 DEMO_CUBE = "forest.exr"
-MANY_BANDS = 9  # fewer tell materials badly apart
+MANY_BANDS = 10  # fewer tell materials badly apart
 SUSPICIOUS_K, SUSPICIOUS = 1.0, 10.0  # of noise, also times what is stated
 
 

@@ -40,7 +40,8 @@ def without_bad_bands(cube):
     squares = squares_of(cube) / (noise_sigma(w, 1.0) * cube.relative_noise)
     squares[..., ~lit(squares).all(axis=(0, 1))] = 0
     bad = {}
-    while found := _bad(w, squares, [b for b in range(len(w)) if b not in bad]):
+    relative = cube.relative_noise
+    while found := _bad(w, squares, relative, [b for b in range(len(w)) if b not in bad]):
         bad |= found
     good = np.array([b not in bad for b in range(len(w))])
     if bad:
@@ -52,9 +53,10 @@ def without_bad_bands(cube):
     return cube, {float(w[b]): bad[b] for b in sorted(bad)}
 
 
-def _bad(wavelength_um, squares, good):
+def _bad(wavelength_um, squares, relative_noise, good):
     """{index: why} of what is bad among the bands that are good so far; squares (4, n, bands) in K
-    at 300 K, 0 in bands without light."""
+    at 300 K over the bands' relative_noise, 0 in bands without light."""
+    k = relative_noise[good]
     w, s = wavelength_um[good], squares[0][:, good]
     varies = np.ptp(s, axis=0) > 0
     same = ~varies & (varies.any() | (s[0] == 0))
@@ -73,11 +75,11 @@ def _bad(wavelength_um, squares, good):
     # on both sides. If only a few bands are live, the others are not compared with them
     near = np.interp(w, w[live], spread[live], 0, 0) if 2 * live.sum() > len(w) else spread
     found = {
-        good[i]: f"varies by {spread[i]:.2g} K where its neighbours vary by {near[i]:.2g} K"
+        good[i]: f"varies by {k[i] * spread[i]:.2g} K where its neighbours vary by {near[i]:.2g} K"
         for i in np.flatnonzero(spread < STUCK_SHARE * near)
     }
     return found or {
-        good[i]: f"noise of {noise[i]:.2g} K where {usual:.2g} K is usual"
+        good[i]: f"noise of {k[i] * noise[i]:.2g} K where {k[i] * usual:.2g} K is usual"
         for i in np.flatnonzero(noise > NOISY * usual)
     }
 

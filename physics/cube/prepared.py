@@ -38,7 +38,9 @@ def prepared(cube, library):
     beyond = dict.fromkeys(whole[~there].tolist(), "beyond the library")
     left_out = dict(sorted((left_out | beyond).items()))
     camera_netd_k = cube.netd_k
-    noise = np.maximum(camera_netd_k * cube.relative_noise, LEAST_NETD_K)
-    netd_k = max(camera_netd_k, LEAST_NETD_K)
-    cube = replace(cube, netd_k=netd_k, relative_noise=noise / netd_k)
+    noise = camera_netd_k * cube.relative_noise
+    if (noise < LEAST_NETD_K).any():
+        netd_k = max(camera_netd_k, LEAST_NETD_K)
+        noise = np.maximum(noise, LEAST_NETD_K)
+        cube = replace(cube, netd_k=netd_k, relative_noise=noise / netd_k)
     return Prepared(cube, left_out, shift, whole[there], camera_netd_k)

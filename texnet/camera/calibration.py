@@ -22,9 +22,8 @@ T, to which all bands add up, may be off by SHARED times as much in all pixels a
 
 Where no sky is in view, all this but wavelengths and the air is looked at without a sky, and
 whether pixels are likelier with one that is assumed (`sky_is_likelier`) before it is looked at with
-that. Where the
-environment is given no gain, offset or air is looked for, but whether the environment is off
-(`error_of_given`).
+that. Where the environment is given no gain, offset or air is looked for, but whether the
+environment is off (`error_of_given`).
 
 The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
 cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,

@@ -33,7 +33,9 @@ from .raw_cube import UNITS, RawCube, heat_cube, part_of
 from .wavelengths import PER_UM
 
 HEAT_CUBE = "heat cube"
-TEMPERATURE = re.compile(r"kelvin|celsius|°C|temperature|^\s*K\s*$", re.IGNORECASE)  # in a header
+TEMPERATURE = re.compile(  # in a header
+    r"kelvin|celsius|°C|deg(rees)?\s*C\b|temperature|^\s*m?K\s*$", re.IGNORECASE
+)
 HADAR_MAT, HADAR = "HADAR .mat", ("S", "HSI")
 CUBE = ("denoised_hsi_original", "denoised_hsi", "hsi", "HSI", "radiance", "cube")
 WAVELENGTH = ("working_wav", "hsi_wav", "wavelength", "wavelength_um", "wav", "lambda")
