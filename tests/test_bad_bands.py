@@ -153,7 +153,7 @@ def test_the_answer_is_that_of_the_cube_without_it(method, given):
 @pytest.mark.parametrize("stripes", [1, 3])
 def test_the_noise_of_a_striped_cube_is_what_it_shows(stripes):
     """Some of the stripes may pass for scene where there are few columns. As everywhere with eight
-    bands and more noise is overstated by 15 % at most, and by less in the mean."""
+    bands and more noise is overstated by some 15 % at most, and by less in the mean."""
     cube, found = traced("patterned", 36)[0], []
     total = cube.netd_k * np.hypot(1, stripes)
     for seed in range(1, 9):
