@@ -22,7 +22,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..planck import noise_sigma
 from .dead_pixels import FEW, lit
 from .heat_cube import LEAST_NETD_K, MAX_NETD_K
 from .netd import noise_of_bands, squares_of, usual_noise
@@ -36,11 +35,10 @@ NO_RADIANCE = f"no radiance in more than {FEW:.0%} of the pixels"
 def without_bad_bands(cube):
     """A HeatCube less its bad bands, of the noise that it shows (itself if nothing is amiss), and
     {wavelength_um: why} of the bad bands."""
-    w = cube.wavelength_um
-    squares = squares_of(cube) / (noise_sigma(w, 1.0) * cube.relative_noise)
+    w, relative = cube.wavelength_um, cube.relative_noise
+    squares = squares_of(cube) / cube.sigma_at(1.0)
     squares[..., ~lit(squares).all(axis=(0, 1))] = 0
     bad = {}
-    relative = cube.relative_noise
     while found := _bad(w, squares, relative, [b for b in range(len(w)) if b not in bad]):
         bad |= found
     good = np.array([b not in bad for b in range(len(w))])

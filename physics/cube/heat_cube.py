@@ -224,7 +224,11 @@ class HeatCube(ReadOnly):
         """(bands,) noise standard deviation, W m-2 sr-1 um-1; needs netd_k."""
         if self.netd_k is None:
             raise InputError("cube: its NETD is not known; set netd_k or call with_netd().")
-        return noise_sigma(self.wavelength_um, self.netd_k) * self.relative_noise
+        return self.sigma_at(self.netd_k)
+
+    def sigma_at(self, netd_k):
+        """The same, were its NETD that, K at 300 K."""
+        return noise_sigma(self.wavelength_um, netd_k) * self.relative_noise
 
     def with_netd(self):
         """This cube, with the NETD that its own pixels show where it is not known (`netd`).

@@ -19,7 +19,6 @@ camera it comes out too large (`benchmarks.netd`).
 import numpy as np
 
 from ..errors import InputError
-from ..planck import noise_sigma
 from .dead_pixels import lit
 from .saturation import saturated
 
@@ -40,7 +39,7 @@ def estimated_netd(cube):
     """
     squares = squares_of(cube)
     shows = lit(squares).all(axis=(0, 1))
-    in_k = (noise_sigma(cube.wavelength_um, 1.0) * cube.relative_noise)[shows]
+    in_k = cube.sigma_at(1.0)[shows]
     if len(in_k) == 1:
         noise = _of_one_band(cube, np.flatnonzero(shows)[0])
     else:
@@ -121,8 +120,7 @@ def noise_of_bands(differences, texture, alike):
 
 def _of_one_band(cube, band):
     """K, or None where no column has three measured pixels on end."""
-    in_k = noise_sigma(cube.wavelength_um[band], 1.0) * cube.relative_noise[band]
-    s = cube.radiance[band].astype(np.float64) / in_k
+    s = cube.radiance[band].astype(np.float64) / cube.sigma_at(1.0)[band]
     dead = cube.dead | saturated(cube)
     measured = ~(dead[:-2] | dead[1:-1] | dead[2:])
     second = np.abs(s[1:-1] - 0.5 * (s[:-2] + s[2:]))[measured]
