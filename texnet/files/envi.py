@@ -142,8 +142,7 @@ def read_spectra(path):
     names = tuple(name.strip() for name in names)
     titles = header.word("z plot titles", "").strip("{} ").partition(",")
     quantity = header.word("y axis title", titles[2].strip())
-    bbl = header.numbers("bbl", len(centre))
-    good = np.ones(len(centre), bool) if bbl is None or not bbl.any() else bbl != 0
+    good = header.good(len(centre))
     bad = np.count_nonzero(~good)
     return Spectra(names, values[:, good], centre[good], bad, axis, quantity, bool(scaled))
 
@@ -287,13 +286,17 @@ class _Header:
         named = next((axis for axis, names in AXES.items() if said in names), None)
         if named or centre is None or said == "index":
             return named, []
-        bbl = self.numbers("bbl", centre.size)  # a bad band's centre may be anything
-        centre = centre if bbl is None or not bbl.any() else centre[bbl != 0]
+        centre = centre[self.good(centre.size)]  # a bad band's may be anything
         for axis, (low, high) in THERMAL.items():
             if low <= centre.min() and centre.max() <= high:
                 why = f"{said[:60]!r} is no unit that is known" if said else "their unit is missing"
                 return axis, [f"wavelengths taken to be in {axis}, since {why}"]
         return None, []
+
+    def good(self, bands):
+        """(bands,) bool, what bbl does not call bad; all, if it calls all so."""
+        bbl = self.numbers("bbl", bands)
+        return np.ones(bands, bool) if bbl is None or not bbl.any() else bbl != 0
 
     def ignored(self):
         """The finite number that stands for no measurement; None if nothing does, or what is no
