@@ -15,8 +15,11 @@ whole starter library. Methods that look at pixels alike share what is found bef
                            temperature (`peers.brightness`, told the true sky) by more than
                            two of their own sigmas
     amplification          how far T moves between two draws of the noise, in standard
-                           deviations that the Cramer-Rao bound allows it (median over pixels)
+                           deviations that the Cramer-Rao bound of that noise allows it (median
+                           over pixels)
     failure                what was raised, or what is not finite; empty if nothing
+
+What is the same along several axes, as nothing wrong is, is answered once and stands in each.
 
 missing.csv has, for each random scene of `benchmarks.accuracy` and each of its commonest materials,
 what is said of that material's pixels where the library lacks it:
@@ -29,6 +32,7 @@ what is said of that material's pixels where the library lacks it:
 atlas.png shows the axes; atlas.md has the figures, and lists the faults (`benchmarks.atlas`).
 """
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -105,6 +109,19 @@ class Case:
     wrong_k: float = 0.0  # kelvin that the environment is off
     stated_k: float = 0.0  # kelvin of it that are stated
     said_k: float = 0.0  # kelvin of calibration error that are stated
+    noise_k: float = NETD_K  # NETD of the sensor, whatever is stated
+
+    @property
+    def fingerprint(self):
+        """Text that tells it from all others."""
+        cube, library = self.cube, self.library
+        arrays = (
+            cube.radiance, cube.wavelength_um, cube.fwhm_um, self.truth.temperature_k,
+            library.wavelength_um, library.emissivity,
+        )  # fmt: skip
+        of = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
+        plain = cube.netd_k, library.names, self.k, self.wrong_k, self.stated_k, self.said_k
+        return f"{of.hexdigest()} {plain}"
 
 
 OUTDOORS = tuple(View("random", BASE_SEED["test"] + i) for i in (1, 2)) + (
@@ -171,7 +188,7 @@ def bands_that_end_early(view, library, last_um):
 
 
 def noise(view, library, netd_k):
-    return Case(*shaded(view, library, netd_k=netd_k), library)
+    return Case(*shaded(view, library, netd_k=netd_k), library, noise_k=netd_k)
 
 
 def unstated_noise(view, library, bands):
@@ -492,34 +509,43 @@ def brightness_k(case, view):
 
 
 def amplification(case, d, other):
-    """Median over the ground of |T - T of another draw of noise|, over what the bound allows."""
+    """Median over the ground of |T - T of another draw of noise|, over what the bound of the
+    sensor's noise allows."""
     ground = non_sky(case.truth)
     used = np.isin(case.cube.wavelength_um, d.wavelength_um)
     e = case.truth.emissivity[used][:, ground].T.astype(np.float64)
     t = case.truth.temperature_k[ground].astype(np.float64)
     w = d.wavelength_um - d.spectral_shift_um
-    sigma = cramer_rao(w, noise_sigma(w, d.netd_k), e, d.environment, t)
+    sigma = cramer_rao(w, noise_sigma(w, case.noise_k), e, d.environment, t)
     moved = np.abs(d.temperature_k - other.temperature_k)[ground]
     ratio = moved / (np.sqrt(2) * 0.6745 * sigma)
     return float(np.median(ratio[np.isfinite(sigma)])) if np.isfinite(sigma).any() else np.nan
 
 
-def measured(axis, level, view, library, model):
-    """Rows of one axis and level in one scene, of all methods."""
+def measured(axis, level, view, library, model, known):
+    """Rows of one axis and level in one scene, of all methods; known {Case.fingerprint: its rows}
+    grows by them."""
     of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
     case = AXES[axis].case(view, library, level)
-    again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
+    if case.fingerprint not in known:
+        again = AXES[axis].case(replace(view, draw=view.draw + 1), library, level)
+        known[case.fingerprint] = list(_rows(case, again, view, model))
+    return [of | row for row in known[case.fingerprint]]
+
+
+def _rows(case, again, view, model):
+    """Rows of a Case of a View, again that of another draw of its noise, of all methods."""
     grey = brightness_k(case, view)
     for methods in ALIKE:
         try:
             of_both = [answers(c, methods, model) for c in (case, again)]
         except InputError as e:  # one sentence instead of an answer
             none = dict.fromkeys(COLUMNS, np.nan) | {"failure": str(e)}
-            yield from (of | {"method": method} | none for method in methods)
+            yield from ({"method": method} | none for method in methods)
             continue
         for method in methods:
             d, other = (by[method] for by in of_both)
-            row = of | {"method": method} | row_of(case, d, grey)
+            row = {"method": method} | row_of(case, d, grey)
             yield row | {"amplification": amplification(case, d, other)}
 
 
@@ -578,14 +604,14 @@ def measure(out, axes=None, progress=None):
             f"of other axes ({'; '.join(sorted(lost))}); take another --out."
         )
     rows = read(out / "stability.csv", made)
-    known = {(r["axis"], r["level"], r["scene"]) for r in rows}
-    jobs = [
+    answered_already = {(r["axis"], r["level"], r["scene"]) for r in rows}
+    by_case, jobs = {}, [
         (axis, level, view) for axis in axes for view in AXES[axis].views
         for level in AXES[axis].levels
     ]  # fmt: skip
     for done, (axis, level, view) in enumerate(jobs, 1):
-        if (axis, float(level), f"{view.name} {view.seed}") not in known:
-            rows += measured(axis, level, view, library, model)
+        if (axis, float(level), f"{view.name} {view.seed}") not in answered_already:
+            rows += measured(axis, level, view, library, model, by_case)
             write_csv(out / "stability.csv", rows, made)
         if progress:
             progress(done, len(jobs), axis)

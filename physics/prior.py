@@ -85,15 +85,22 @@ def usual_temperature(cube, environment, pixels):
     t = pixels.brightness_k
     if environment.sky_mean is None:
         return _usual(t)
-    off = (pixels.spectra - environment.sky_mean) / cube.sigma
-    u = environment.sky_spread / cube.sigma
-    chi2 = (off * np.linalg.solve(np.eye(cube.bands) + u.T @ u, off.T).T).sum(axis=1)
-    ground = chi2 > SKY_CHI2 * cube.bands
+    ground = ~like_sky(pixels.spectra, environment, cube.sigma)
     air = brightness_temperature(cube.wavelength_um, environment.sky_mean).max()
     usual = _usual(t[ground] if ground.any() else t)
     if ground.mean() < FEW and usual > np.quantile(_opaque(t), 1 - FEW) + FAR_K:
         usual = _usual(t)
     return max(float(air), usual)
+
+
+def like_sky(spectra, environment, sigma):
+    """(n,) bool: which spectra (n, bands), of noise sigma (bands,), look like the sky that is in
+    view in an Environment."""
+    if environment.sky_mean is None:
+        return np.zeros(len(spectra), bool)
+    off, u = (spectra - environment.sky_mean) / sigma, environment.sky_spread / sigma
+    chi2 = (off * np.linalg.solve(np.eye(len(sigma)) + u.T @ u, off.T).T).sum(axis=1)
+    return chi2 <= SKY_CHI2 * len(sigma)
 
 
 def _opaque(t):

@@ -21,11 +21,12 @@ from texnet.camera.calibration import _Scene
 from texnet.camera.correction import (
     RIGHT,
     Calibration,
+    Distances,
     corrected,
     corrected_environment,
     lifted_nats,
 )
-from texnet.camera.distances import OCTAVES, among_neighbours, likeliest_octaves
+from texnet.camera.distances import OCTAVES, among_neighbours, far, likeliest_octaves
 from texnet.camera.nats import Nats
 from texnet.files.cube_io import write_cube
 from texnet.glance import from_afar
@@ -242,9 +243,9 @@ def test_none_is_found_where_none_is(name, bands, method):
 def test_each_part_is_as_far_as_the_air_before_it_says():
     """Half of a forest eight times as far as the other half."""
     cube, truth = traced("forest", 24)
-    near, far = (behind(cube, truth, metres).radiance for metres in (40.0, 320.0))
+    here, there = (behind(cube, truth, metres).radiance for metres in (40.0, 320.0))
     left, ground = np.arange(cube.shape[1]) < cube.shape[1] // 2, names_of(truth) != "sky"
-    s = np.where(left, near, far)
+    s = np.where(left, here, there)
     d = decompose(HeatCube(s, cube.wavelength_um, cube.fwhm_um, cube.netd_k))
     assert 27 < np.median(d.distance_m[ground & left]) < 93
     assert 160 < np.median(d.distance_m[ground & ~left]) < 533
@@ -256,7 +257,7 @@ def test_pixels_are_corrected_by_the_air_before_them():
     cube = traced("forest", 24)[0]
     c = Calibration(1.03, 0.5, air=Air.of(100.0, 283.0, cube.wavelength_um, cube.fwhm_um))
     metres = np.geomspace(20, 1000, cube.shape[1]) * np.ones(cube.shape)
-    near = corrected(cube, c, metres)
+    near = corrected(cube, c, Distances(metres, 500.0))
     for column in (0, 30, 71):
         of = Air.of(metres[0, column], 283.0, cube.wavelength_um, cube.fwhm_um)
         by_itself = corrected(cube, c._replace(air=of)).radiance[..., column]
@@ -270,9 +271,21 @@ def test_of_many_distances_the_noise_is_that_of_a_far_one():
     cube = traced("forest", 24)[0]
     of = lambda m: Calibration(air=Air.of(m, 283.0, cube.wavelength_um, cube.fwhm_um))
     metres = np.where(np.arange(cube.shape[1]) < 20, 50.0, 400.0) * np.ones(cube.shape)
-    several, far = corrected(cube, of(100.0), metres), corrected(cube, of(400.0))
-    np.testing.assert_allclose(several.sigma, far.sigma, rtol=1e-9)
-    assert (far.sigma / cube.sigma).max() > 2 > 1.2 > (far.sigma / cube.sigma).min() > 1
+    distances = Distances(metres, 400.0)
+    several, all_far = corrected(cube, of(100.0), distances), corrected(cube, of(400.0))
+    np.testing.assert_allclose(several.sigma, all_far.sigma, rtol=1e-9)
+    assert (all_far.sigma / cube.sigma).max() > 2 > 1.2 > (all_far.sigma / cube.sigma).min() > 1
+
+
+def test_neither_the_sky_nor_what_is_dead_is_a_far_part_of_the_ground():
+    cube, truth = traced("forest", 24)
+    environment = estimate_environment(cube, LIBRARY, 5)
+    is_sky = names_of(truth) == "sky"
+    dead = np.broadcast_to(np.arange(cube.shape[1]) < 10, cube.shape)
+    cube = replace(cube, dead=dead)
+    metres = np.where(is_sky, 3.0, np.where(dead, 5000.0, 400.0))
+    assert is_sky.mean() > 0.15 and far(metres, cube, environment) == 400
+    assert far(np.where(is_sky, 3.0, 400.0), replace(cube, dead=dead | ~is_sky), environment) == 3
 
 
 def test_what_would_be_darker_than_dark_is_unlikely():
@@ -323,7 +336,7 @@ def octaves(nats, *among):
     return likeliest_octaves(here, Nats(of), HeatCube(s, W, FWHM, 0.05), *among)
 
 
-@given(st.floats(-4.5, 2.5), st.integers(0, 2**31))
+@given(st.floats(-4.5, 3.5), st.integers(0, 2**31))
 @settings(deadline=None, max_examples=30)
 def test_the_likeliest_distance_is_as_sure_as_the_pixels_are(octave, seed):
     flat = np.random.default_rng(seed).uniform(-50, 50, (1, 6, 7)) * np.ones((len(OCTAVES), 1, 1))
@@ -339,8 +352,8 @@ def test_the_likeliest_distance_is_as_sure_as_the_pixels_are(octave, seed):
 
 def test_none_is_looked_for_without_sky_in_view_or_where_the_environment_is_given():
     cube = traced("room", 54)[0]
-    far = through(cube, Air.of(200.0, 280.0, cube.wavelength_um, cube.fwhm_um))
-    assert decompose(far).air_m == 0
+    hazy = through(cube, Air.of(200.0, 280.0, cube.wavelength_um, cube.fwhm_um))
+    assert decompose(hazy).air_m == 0
     cube, truth = traced("forest", 54)
     given = Environment(planck(cube.wavelength_um, np.array([[285.0]])), cube.wavelength_um)
     assert decompose(behind(cube, truth, 200.0), environment=given).air_m == 0
@@ -361,11 +374,11 @@ def test_the_command_says_so(tmp_path, capsys):
 
 def test_fine_tuning_sees_the_cube_without_it():
     cube, truth = traced("forest", 54)
-    far = calibrated(behind(cube, truth, 200.0), LIBRARY, shipped_network())[0]
+    clear = calibrated(behind(cube, truth, 200.0), LIBRARY, shipped_network())[0]
     ground, w = names_of(truth) != "sky", cube.wavelength_um[:, None]
     of = lambda c: brightness_temperature(w, c.radiance[:, ground])[-1]
     # in the most opaque band
-    assert np.median(np.abs(of(far) - of(cube))) < 0.5
+    assert np.median(np.abs(of(clear) - of(cube))) < 0.5
     assert np.median(np.abs(of(behind(cube, truth, 200.0)) - of(cube))) > 0.5
 
 

@@ -21,8 +21,8 @@ def row(level, error, sigma, failure="", method="m", scene="s"):
     }  # fmt: skip
 
 
-def doubt(method, covered):
-    return {"method": method, "covered": covered, "false_alarms": 0.04}
+def doubt(method, covered, scene):
+    return {"scene": scene, "method": method, "covered": covered, "false_alarms": 0.04}
 
 
 def test_faults_are_found():
@@ -36,7 +36,8 @@ def test_the_page_has_means_over_scenes_and_cases(tmp_path):
         row(level, error * level, 2.0, method=method, scene=scene)
         for method in METHODS for scene, error in (("a", 1), ("b", 3)) for level in (0.1, 1)
     ]  # fmt: skip
-    missing = [doubt(method, c) for method in METHODS for c in (0.8, 0.9, 1.0)]
+    cases = (0.8, "a"), (0.9, "b"), (1.0, "c")
+    missing = [doubt(method, c, scene) for method in METHODS for c, scene in cases]
     page(rows, AXES, missing, tmp_path / "atlas.md")
     text = (tmp_path / "atlas.md").read_text()
     three = "50% | 50% | 50%"
@@ -45,7 +46,20 @@ def test_the_page_has_means_over_scenes_and_cases(tmp_path):
     assert f"|  | 1 | 0.50 | 2.00 | 2.00 | {three} |" in text
     assert "not measured" not in text
     assert "| `net+sgd` | 90.0 ± 5.8 % | 90.0 % | 2 of 3 | 4.0 ± 0.0 % | 4.0 % |" in text
-    assert "0 in 16 answers" in text
+    assert "0 in 16 different answers" in text
+    assert "| `net` | 0.50 | 0.50 |" in text
+
+
+def test_what_is_said_twice_counts_once(tmp_path):
+    rows = [row(0.1, 1, 1, method="net+sgd", scene=s) | {"amplification": ord(s)} for s in "abc"]
+    cases = (0.8, "a"), (0.9, "b"), (1.0, "c")
+    missing = [doubt(method, c, s) for method in METHODS for c, s in cases]
+    page(rows, AXES, missing, tmp_path / "once.md")
+    again = [r | {"axis": "not measured", "level": 0.0} for r in rows[:2]]
+    page(rows + again, {"noise": AXES["noise"]}, missing * 2, tmp_path / "twice.md")
+    once, twice = ((tmp_path / f"{name}.md").read_text() for name in ("once", "twice"))
+    assert "in 3 different answers" in once
+    assert twice == once.replace("2 of 3", "4 of 6")
 
 
 def test_a_part_of_the_axes_can_be_shown(tmp_path):

@@ -113,16 +113,16 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
         there = (of.moved(found.shift_um) for of in (ready, cold))
         return _with_estimated(*there, k, seed, how, lap, progress, moved=True)
     estimate = partial(estimate_environment, library=library, k=objects, seed=seed)
-    cube, metres = ready.cube, None
+    cube, off = ready.cube, None
     if found.air:
-        through = estimate(corrected(cube, found), assume_sky=assumed)
-        metres = distances(cold, through, how["looks"](), len(library), found)
+        clear = estimate(corrected(cube, found), assume_sky=assumed)
+        off = distances(cold, environment, clear, how["looks"](), len(library), found)
     if not found.keeps_cube:
-        cube = corrected(cube, found, metres)
+        cube = corrected(cube, found, off)
         environment = estimate(cube, assume_sky=assumed)
     return dict(
         ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
-        sky_assumed=assumed, found=found, distance_m=metres,
+        sky_assumed=assumed, found=found, distance_m=off and off.metres,
     )  # fmt: skip
 
 

@@ -51,8 +51,8 @@ from ..glance import LEAST_MATERIALS
 from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
-from .correction import RIGHT, Calibration, corrected, corrected_environment, lifted_nats
-from .distances import likeliest_octaves
+from .correction import RIGHT, Calibration, Distances, corrected, corrected_environment, lifted_nats
+from .distances import far, likeliest_octaves
 from .nats import Nats
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
 
@@ -129,7 +129,7 @@ def _that_fits(scene, nats_of, camera, sky):
         if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
             continue
         tried.add(likelier)
-        left = scene.left(likelier, scene.distance_m(likelier, noise))
+        left = scene.left(likelier, scene.distances(likelier, noise))
         if not left:  # of the ground too little would be left
             continue
         share = (left - 1) / max(all_left - 1, 1e-9)
@@ -144,7 +144,7 @@ def _suspected_k(scene, nats_of, found, suspected, noise):
     """K by which T of a _Scene may be another than with the Calibration found, rms of those that
     are suspected and as likely; 0 if none is. Distances are what they are at a noise."""
     if found.bands:  # whose gains are many enough to make up for any error of all
-        left = lambda c: scene.left(c, scene.distance_m(c, noise))
+        left = lambda c: scene.left(c, scene.distances(c, noise))
         suspected = [c for c in suspected if left(c) <= _just(scene.part) + RISE]
     else:
         loss = losses(nats_of.each([found, *suspected]))
@@ -291,7 +291,7 @@ class _Scene(NamedTuple):
     def corrected_maps(self, c, noise):
         """Maps of pixels corrected by a Calibration, at the distances that are likeliest at a
         noise."""
-        taken = corrected(self.part, c, self.distance_m(c, noise))
+        taken = corrected(self.part, c, self.distances(c, noise))
         return self.maps(corrected_environment(self.environment, c), taken)
 
     def moved_k(self, maps, other):
@@ -307,22 +307,22 @@ class _Scene(NamedTuple):
         residual = residual[np.isfinite(residual)]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
-    def distance_m(self, c, noise):
-        """(height, width) m of a Calibration's Air that are likeliest before each pixel at a noise;
-        None without."""
+    def distances(self, c, noise):
+        """Distances that are likeliest at a noise, by a Calibration's Air; None without."""
         if not c.air:
             return None
         octaves = likeliest_octaves(c._replace(noise=noise), self.nats_of(), self.part)
-        return c.air.metres * 2**octaves
+        metres = c.air.metres * 2**octaves
+        return Distances(metres, far(metres, self.part, self.environment))
 
-    def left(self, c, distance_m=None):
-        """`quartile` of what is corrected by a Calibration, with so much Air before each pixel, in
-        noise units as stated."""
-        stated = corrected(self.part, c, distance_m).netd_k
+    def left(self, c, distances=None):
+        """`quartile` of what is corrected by a Calibration, at Distances, in noise units as
+        stated."""
+        stated = corrected(self.part, c, distances).netd_k
 
         def at(noise):
             noisy = c._replace(noise=noise)
-            taken = corrected(self.part, noisy, distance_m)
+            taken = corrected(self.part, noisy, distances)
             maps = self.maps(corrected_environment(self.environment, noisy), taken)
             return self.quartile(maps) * (taken.netd_k / stated)
 

@@ -17,7 +17,6 @@ from physics.machinery import scratch
 from physics.planck import noise_sigma
 
 DARKEST = 0.05  # what is left of a radiance, at least
-FAR = 0.75  # of all pixels are nearer than that whose air the noise is of
 STEP = 0.1  # of ln metres, where each pixel has a distance of its own
 
 
@@ -62,9 +61,16 @@ class Calibration(NamedTuple):
 RIGHT = Calibration()
 
 
-def corrected(cube, c, distance_m=None):
-    """The HeatCube that a right camera would have shown, of a Calibration; distance_m (height,
-    width) of the Air before each pixel, if None the Calibration's.
+class Distances(NamedTuple):
+    """metres (height, width) of Air before each pixel; far, as many as are before a far one."""
+
+    metres: np.ndarray
+    far: float
+
+
+def corrected(cube, c, distances=None):
+    """The HeatCube that a right camera would have shown, of a Calibration; with the Distances of
+    what each pixel shows, if None all that of its Air.
 
     Its noise is one for all pixels, but not for all bands: of one that lets a tenth through it is
     ten times as much. Of several distances it is that of a far one, whose opaque bands would
@@ -72,14 +78,16 @@ def corrected(cube, c, distance_m=None):
     if c.shift_um:
         cube = cube.moved(c.shift_um)
     w = cube.wavelength_um
-    far = c if distance_m is None else behind(c, np.quantile(distance_m, FAR), w, cube.fwhm_um)
+    far = c if distances is None else behind(c, distances.far, w, cube.fwhm_um)
     _, gains = _offset_and_gain(w, far)
     # even noise over it would tell as much (gains of bands among each other are 1 in the mean)
     mean = math.sqrt(np.mean((gains / c.of_bands(cube.bands)) ** 2))
     netd_k = min(cube.netd_k * c.noise / mean, MAX_NETD_K)
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k)
-    at, some = (0, [c]) if distance_m is None else _by_distance(distance_m, c, w, cube.fwhm_um)
+    at, some = 0, [c]
+    if distances is not None:
+        at, some = _by_distance(distances.metres, c, w, cube.fwhm_um)
     all_of = np.array([_offset_and_gain(w, each) for each in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
@@ -91,13 +99,13 @@ def corrected(cube, c, distance_m=None):
     return replace(cube, radiance=radiance, netd_k=netd_k, relative_noise=relative_noise)
 
 
-def _by_distance(distance_m, c, wavelength_um, fwhm_um):
+def _by_distance(metres, c, wavelength_um, fwhm_um):
     """Indices (height, width) into some Calibrations, and these, which have as much Air as is
     before each pixel, to STEP."""
-    steps = np.round(np.log(distance_m / c.air.metres) / STEP).astype(int)
+    steps = np.round(np.log(metres / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
-    metres = [c.air.metres * math.exp(STEP * n) for n in numbers]
-    return steps - numbers[0], [behind(c, m, wavelength_um, fwhm_um) for m in metres]
+    some = [behind(c, c.air.metres * math.exp(STEP * n), wavelength_um, fwhm_um) for n in numbers]
+    return steps - numbers[0], some
 
 
 def behind(c, metres, wavelength_um, fwhm_um):

@@ -17,22 +17,24 @@ import numpy as np
 
 from physics.errors import Implausible
 from physics.expected import Expected
+from physics.prior import like_sky
 
 from ..glance import PATCH, from_afar
-from .correction import behind, corrected, lifted_nats
+from .correction import Distances, behind, corrected, lifted_nats
 from .nats import Nats
 from .one_error import lowest
 
-OCTAVES = np.arange(-5.0, 4.0)  # of d / d_0 that are tried
+OCTAVES = np.arange(-5.0, 5.0)  # of d / d_0 that are tried
 SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2
 PATCHES = 8000  # at most about so many
+FAR = 0.75  # of the ground is nearer than that whose air the noise is of
 ENOUGH = 20.0  # nats: what is unlikely at one distance has no more to say
 
 
-def distances(cube, environment, look, materials, found):
-    """(height, width) float32 m to what each pixel of a HeatCube shows, as its camera has it.
+def distances(cube, environment, clear, look, materials, found):
+    """Distances of what each pixel of a HeatCube shows, float32.
 
-    environment  Environment without air and what else is wrong
+    environment  Environment, as the camera has both;  clear  without air and what else is wrong
     look         methods.Look;  materials  how many it chooses from
     found        Calibration with the Air of the whole picture
     """
@@ -41,14 +43,23 @@ def distances(cube, environment, look, materials, found):
 
     def of(c):
         try:
-            nats = -look(environment, corrected(afar, c), every)["log_evidence"]
+            nats = -look(clear, corrected(afar, c), every)["log_evidence"]
             return nats + lifted_nats(afar, c)
         except Implausible:  # nothing looks like that
             return np.full(afar.shape, np.inf)
 
     octaves = likeliest_octaves(found, Nats(of, look.at_once), afar, among_neighbours)
     farther = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
-    return np.float32(found.air.metres) * 2**farther
+    usual = np.float32(found.air.metres)
+    return Distances(usual * 2**farther, far(usual * 2**octaves, afar, environment))
+
+
+def far(metres, cube, environment):
+    """m to a far pixel of a HeatCube's ground, metres (height, width) being those to all; what is
+    dead or looks like the sky in view of an Environment is left out, if anything else is there."""
+    sky = like_sky(cube.spectra, environment, cube.sigma).reshape(cube.shape)
+    ground = metres[~sky & ~cube.dead]
+    return float(np.quantile(ground if ground.size else metres, FAR))
 
 
 def among_neighbours(nats):
