@@ -2,7 +2,7 @@
 
     python -m benchmarks.band_design --out DIR
 
-`physics.filters` designs N = 3, 4, 6 and 9 filters for the starter library. Each of the scenes of
+`physics.filters` designs N = 3, 4, 6 and 9 filters for the starter library. Each of some scenes of
 `benchmarks.accuracy` is path-traced once and shaded through them, through N filters side by side,
 and through N equidistant ones as wide as the designed; noise by the same law, k = 5 objects
 estimated from the noisy cube. Writes band_design.csv, one row per scene, filters and method, and
@@ -120,7 +120,7 @@ def _draw_filters(axis, sets):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=8, help="random ones")
+    parser.add_argument("--scenes", type=int, default=8)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     library, rows = MaterialLibrary.starter(), []

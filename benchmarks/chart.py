@@ -2,9 +2,9 @@
 
     texnet bench chart --out DIR [--network FILE.safetensors ...]
 
-Five random test scenes and `forest`, 128 x 160 pixels, path-traced once and shaded in 4, 18 and
-54 bands over 8-14 um, noise 50 mK, the starter library of 30 materials. In one run, in turn, on
-two threads, each method once before it is timed:
+Five test scenes, 128 x 160 pixels, path-traced once and shaded in 4, 18 and 54 bands over 8-14 um,
+noise 50 mK, the starter library of 30 materials. In one run, in turn, on two threads, each method
+once before it is timed:
 
     local, sgd, net, net+sgd      texnet: the whole of `decompose` but files and pictures, with
                                   the environment estimated from the cube, k = 5; net+sgd by ONNX
@@ -62,7 +62,7 @@ from texnet.pipeline import decompose
 from texnet.runtime import Runtime
 
 BANDS = (4, 18, 54)
-RANDOM_SCENES, PRESETS = 5, ("forest",)
+SCENES = 5
 # of refinement, beside the one that ships
 STEPS = {f"net+sgd, {n} steps": n for n in (2, 5, 10)}
 SCIPY_PIXELS = 50
@@ -184,9 +184,9 @@ def measure(out, networks=(), progress=None):
     wanted = {(str(b), m) for b in BANDS for m in methods}
     rows = whole_scenes(read_csv(out / "chart.csv", made), wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
-    total, count = (RANDOM_SCENES + len(PRESETS)) * len(wanted), len(rows)
+    total, count = SCENES * len(wanted), len(rows)
     with threadpool_limits(THREADS):
-        for name, traced in test_scenes(RANDOM_SCENES, PRESETS, done):
+        for name, traced in test_scenes(SCENES, done):
             of_scene = []
             for bands in BANDS:
                 scene = Scene(traced, bands)
@@ -312,8 +312,7 @@ def _draw(summary, front, path):
     for axis in grid.flat:
         axis.grid(color="0.92")
     grid[-1, 1].set_xlabel("seconds per megapixel, two threads", fontsize=12)
-    scenes = RANDOM_SCENES + len(PRESETS)
-    figure.suptitle(f"Medians and quartiles of {scenes} scenes; up and to the left is better")
+    figure.suptitle(f"Medians and quartiles of {SCENES} scenes; up and to the left is better")
     handles, names = grid[0, 0].get_legend_handles_labels()
     only = f"scipy, on {SCIPY_PIXELS} pixels:\nits time is to be compared"
     names = [only if n == "scipy" else n for n in names]

@@ -2,7 +2,7 @@
 
     python -m benchmarks.library_from_cube --out DIR
 
-The scenes of `benchmarks.accuracy` in 54 bands. Of each cube `physics.blind` makes a library, with
+Scenes of `benchmarks.accuracy` in 54 bands. Of each cube `physics.blind` makes a library, with
 which the cube is decomposed, as it is with the exact curves of the scene's own materials. Found
 materials are matched with the true ones of at least 1 % of the pixels so that most pixels agree
 (Hungarian method). Writes
@@ -75,7 +75,7 @@ def of_scene(name, cube, truth, exact, found):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=8, help="random ones")
+    parser.add_argument("--scenes", type=int, default=8)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     starter, scenes, materials = MaterialLibrary.starter(), [], []

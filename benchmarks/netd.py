@@ -28,7 +28,7 @@ def main():
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     library, rows = MaterialLibrary.starter(), []
-    for name, traced in test_scenes(args.scenes, presets=()):
+    for name, traced in test_scenes(args.scenes):
         for bands in BANDS:
             for netd_k in NETDS_K:
                 cube, _ = traced.shade(library, *equidistant_bands(bands), netd_k)

@@ -20,7 +20,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import ERRORS, NETD_K, RANDOM_SCENES, THREADS, measure, test_scenes
+from benchmarks.accuracy import ERRORS, NETD_K, SCENES, THREADS, measure, test_scenes
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
@@ -68,14 +68,14 @@ def nearest_sky(air_k):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=RANDOM_SCENES)
+    parser.add_argument("--scenes", type=int, default=SCENES)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
     threadpool_limits(THREADS)
     models, library, rows = {"net+sgd": Runtime(ONNX, THREADS).run}, MaterialLibrary.starter(), []
-    for name, traced in test_scenes(args.scenes, presets=()):
+    for name, traced in test_scenes(args.scenes):
         if traced.atmosphere is None:
             continue
         other = nearest_sky(traced.atmosphere.air_temperature_k)

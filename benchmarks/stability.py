@@ -32,7 +32,6 @@ what is said of that material's pixels where the library lacks it:
 atlas.png shows the axes; atlas.md has the figures, and lists the faults (`benchmarks.atlas`).
 """
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -41,7 +40,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, RANDOM_SCENES, K, test_scenes
+from benchmarks.accuracy import NETD_K, SCENES, K, test_scenes
 from benchmarks.atlas import draw, faults, page
 from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
@@ -53,6 +52,7 @@ from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.identifiability import cramer_rao
 from physics.library import MaterialLibrary
+from physics.machinery.provenance import fingerprint
 from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
@@ -115,13 +115,12 @@ class Case:
     def fingerprint(self):
         """Text that tells it from all others."""
         cube, library = self.cube, self.library
-        arrays = (
+        arrays = fingerprint(
             cube.radiance, cube.wavelength_um, cube.fwhm_um, self.truth.temperature_k,
             library.wavelength_um, library.emissivity,
         )  # fmt: skip
-        of = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
-        plain = cube.netd_k, library.names, self.k, self.wrong_k, self.stated_k, self.said_k
-        return f"{of.hexdigest()} {plain}"
+        said = [float(k) for k in (self.wrong_k, self.stated_k, self.said_k)]
+        return f"{arrays} {cube.netd_k} {library.names} {self.k} {said}"
 
 
 OUTDOORS = tuple(View("random", BASE_SEED["test"] + i) for i in (1, 2)) + (
@@ -619,13 +618,13 @@ def measure(out, axes=None, progress=None):
     doubt = read(out / "missing.csv", made)
     if "material missing" in axes:
         known = list(dict.fromkeys(r["scene"] for r in doubt))
-        for scene, traced in test_scenes(RANDOM_SCENES, (), known):
+        for scene, traced in test_scenes(SCENES, known):
             cube, truth = traced.shade(library, *equidistant_bands(BANDS), NETD_K)
             doubt += missing_rows(scene, cube, truth, library, model)
             write_csv(out / "missing.csv", doubt, made)
             known.append(scene)
             if progress:
-                progress(len(known), RANDOM_SCENES, "missing")
+                progress(len(known), SCENES, "missing")
     page(rows, AXES, doubt, out / "atlas.md")
     return rows, doubt, list(faults(rows))
 

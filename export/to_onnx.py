@@ -79,13 +79,17 @@ OUTPUTS = {
     "material": (PART, "index into the library"),
     "temperature_k": (PART, "K; of sky: of what stands before it, or the air"),
     "temperature_sigma_k": (PART, "K, one standard deviation"),
-    "thermal_lighting": (("k", *PART), "V, sums to 1; 0 for sky"),
-    "texture": (("bands", *PART), f"{SPECTRUM}, X; 0 for sky"),
-    "sky_texture": (PART, f"{SPECTRUM}, band mean of X's sky-lit part"),
+    "thermal_lighting": (
+        ("k", *PART), "V, sums to 1; of sky 0, or that of what may stand before it",
+    ),
+    "texture": (("bands", *PART), f"{SPECTRUM}, X; of sky likewise"),
+    "sky_texture": (
+        PART, f"{SPECTRUM}, band mean of X's sky-lit part; if no object is sky the residual",
+    ),
     "residual": (PART, "noise units, root mean square"),
     "log_evidence": (PART, "nats, of all materials together"),
     "unknown": (PART, "true where the answer should not be trusted"),
-}
+}  # fmt: skip
 EXAMPLE = dict(  # deviations: torch would take the sum of three sizes for one of its own
     bands=17, nodes=3, materials=8, hypotheses=2 * 8, k=4, spreads=6, skylight_spreads=2,
     sky_spreads=10, deviations=6 + 2 + 10 + 1, components=14, height=12, width=13,

@@ -20,7 +20,9 @@ than noise. With U C_h U' = L L',
     w = L^-1 (z - U mu),         log p(z | h) = -|w|^2 / 2 - log det(L) + log prior,
     x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
 
-are the evidence, and mean and covariance of x = (x_V, x_T) given z: any other x costs
+are the evidence (of a camera with less noise what it would be in the mean with the noise that is
+missing: less tr(L^-1 U diag(quiet) U' L'^-1) / 2, or what leaves least room, blackest of all, would
+be the likeliest by far), and mean and covariance of x = (x_V, x_T) given z: any other x costs
 (x - x^)' S^-1 (x - x^) / 2 nats. `refinement` moves V's prior to a guess, of kappa times the
 precision, for which it takes S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2. Components are scaled by
 how far spectra differ in them, which makes z of order one, and |w|^2 is a sum of squares: float32
@@ -87,7 +89,7 @@ class Blocks(NamedTuple):
 
 COMPARED = 3  # hypotheses of a pixel that a model looks at more closely, and has at least
 COMMON = "centre", "basis"  # to all hypotheses
-INTERNAL = "error", "precision"  # what only this file takes
+INTERNAL = "error", "quiet", "precision"  # what only this file takes
 ONE_BY_ONE = {*Hypotheses._fields, *Blocks._fields} - {*COMMON, *INTERNAL}  # of each hypothesis
 
 
@@ -168,6 +170,7 @@ def hypotheses_of(known) -> Hypotheses:
     precision = np.eye(r) + of_x @ np.linalg.solve(gram, _t(of_x))
     lower, inverse = _cholesky(gram + _t(of_x) @ of_x)
     of_d, of_x = of_d @ _t(inverse), of_x @ _t(inverse)  # (L^-1 U F')'
+    missing = 0.5 * ((inverse @ basis) ** 2 @ x["quiet"]).sum(axis=1)
     centre = mean.mean(axis=0)
     w_0 = -(inverse @ ((mean - centre) @ basis.T)[..., None])
     to_w = np.concatenate([inverse / scale, w_0], axis=2)
@@ -175,7 +178,7 @@ def hypotheses_of(known) -> Hypotheses:
         precision=precision,
         **_float32(
             sky_share=sky_share, alpha_step=alpha_step, centre=centre, basis=x["basis"],
-            to_w=to_w, to_x=of_x @ to_w, offset=prior - _log_det(lower),
+            to_w=to_w, to_x=of_x @ to_w, offset=prior - _log_det(lower) - missing,
             to_deviation=of_d @ to_w[..., :-1], deviation_0=(of_d @ w_0)[..., 0],
             sensitivity=of_d @ _t(of_x) @ precision,
         ),

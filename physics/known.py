@@ -31,6 +31,7 @@ class Known(NamedTuple):
     sky_object (k,) 1 for the objects that stand for the sky;
     spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
     sky_mean (bands,), or zeros where no sky is in view;
+    quiet (bands,) as in HeatCube;
     prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
     wide enough for all but a few in a hundred pixels;
     basis (d, bands) orthogonal directions of noise-scaled spectra, each divided by about the
@@ -50,6 +51,7 @@ class Known(NamedTuple):
     sky_spread: np.ndarray
     error: np.ndarray
     sky_mean: np.ndarray
+    quiet: np.ndarray
     prior_k: np.ndarray
     basis: np.ndarray
 
@@ -90,7 +92,7 @@ def known_arrays(cube, library, environment):
         sky_object=sky_object, spread=environment.spread,
         skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
-        prior_k=np.array([mean, spread]), basis=basis,
+        quiet=cube.quiet, prior_k=np.array([mean, spread]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}
 

@@ -19,7 +19,8 @@ several:
 
 1. linearise c at the present T: mean and covariance, the inverse Fisher information, of (T, V);
 2. while some V_j < 0, condition this Gaussian on the most doubtful being zero (a rank-one
-   update of mean and covariance).
+   update of mean and covariance), five times at most: with ten objects one pixel in twenty then
+   has an E of up to 1 nat too much, and T some hundredths of a kelvin off.
 
 All arrays have their pixels last, so that many pixels are worked on at once.
 """

@@ -10,7 +10,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from benchmarks import accuracy
-from benchmarks.accuracy import ERRORS, differences
+from benchmarks.accuracy import ERRORS, differences, unknown
 from benchmarks.confusion import confused, named_as, table
 
 
@@ -23,12 +23,22 @@ def test_differences_are_paired_by_scene():
         for method in ("net+sgd", "local")
     ]
     rows[0]["texture_correlation"] = np.nan  # a room
-    said = {line.split()[1]: line.split() for line in list(differences(rows))[1:]}
+    said = {line.split()[1]: line.split() for line in list(differences(rows, "local"))[1:]}
     assert said.keys() == set(ERRORS)
     assert [float(n) for n in said["temperature_mae_k"][2:4]] == pytest.approx([-0.5, 0])
     assert said["temperature_mae_k"][4:] == ["4", "of", "4"]
     assert said["material_accuracy"][4:] == ["0", "of", "4"]
     assert said["texture_correlation"][4:] == ["0", "of", "3"]
+
+
+def test_half_of_the_scenes_have_no_more_unknown_than_the_median():
+    rows = [
+        {"scene": scene, "bands": bands, "method": "local", "abstention": scene / bands}
+        for scene in range(5) for bands in (4, 10)
+    ]  # fmt: skip
+    few, many = (line.split() for line in list(unknown(rows))[1:])
+    assert few == ["4", "local", "0.250", "0.500", "0.750"]
+    assert many == ["10", "local", "0.100", "0.200", "0.300"]
 
 
 NAMES = ("sky", "tree", "soil", "glass")
@@ -66,7 +76,6 @@ def threads_as_before():
 @pytest.mark.usefixtures("threads_as_before")
 def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch, capsys):
     """To the same figures, the time aside."""
-    monkeypatch.setattr(accuracy, "PRESETS", ())
     monkeypatch.setattr(accuracy, "SIZE", (24, 32))
     monkeypatch.setattr(accuracy, "SPP", 4)
 

@@ -1,6 +1,7 @@
 """Bands that tell nothing of the scene are left out, and no other."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -198,12 +199,16 @@ def test_no_band_is_taken_for_less_noisy_than_the_model_is_good():
         assert taken.netd_k == taken_k
 
 
-def test_noise_that_is_stated_too_low_is_seen():
+@pytest.mark.parametrize("times", [1 / 3, 3])
+def test_noise_that_is_stated_too_low_or_too_high_is_seen(times):
     cube = traced("forest", 36)[0]
-    low = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k / 3)
-    assert without_bad_bands(low)[0].netd_k == pytest.approx(cube.netd_k, rel=0.1)
-    high = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, 3 * cube.netd_k)
-    assert without_bad_bands(high) == (high, {})
+    stated = replace(cube, netd_k=times * cube.netd_k)
+    assert without_bad_bands(stated)[0].netd_k == pytest.approx(cube.netd_k, rel=0.1)
+    of_few = traced("forest", 24)[0]
+    of_few = replace(of_few, netd_k=times * of_few.netd_k)
+    assert without_bad_bands(of_few) == (of_few, {})
+    about = replace(cube, netd_k=times**0.1 * cube.netd_k)
+    assert without_bad_bands(about) == (about, {})
 
 
 def test_an_environment_of_some_bands_is_that_of_their_spectra():

@@ -38,7 +38,7 @@ def test_speed_measures_the_large_cube_if_asked(words, large, tmp_path, monkeypa
 
 
 def test_stability_measures_the_axes_that_are_named(tmp_path, capfd, monkeypatch):
-    def rows(axis, level, view, library, model):
+    def rows(axis, level, view, library, model, known):
         done.add(axis)
         of = {"axis": axis, "level": float(level), "scene": view.name}
         for method in METHODS:

@@ -130,8 +130,7 @@ def test_scipy_and_its_truth_are_of_the_same_pixels(traced, monkeypatch):
 
 @pytest.fixture
 def toy(monkeypatch):
-    monkeypatch.setattr(chart, "RANDOM_SCENES", 2)
-    monkeypatch.setattr(chart, "PRESETS", ())
+    monkeypatch.setattr(chart, "SCENES", 2)
     monkeypatch.setattr(chart, "BANDS", (4, 6))
     monkeypatch.setattr(chart, "STEPS", {"net+sgd, 2 steps": 2})
     monkeypatch.setattr(chart, "SCIPY_PIXELS", 1)

@@ -272,6 +272,21 @@ def test_evidence_is_a_dense_gaussian_log_density(sky, k, rich):
             assert (ours[r] < ours[possible].amax(dim=0) - 1000).all()
 
 
+@pytest.mark.parametrize("bands", [MAX_COMPONENTS, 60])
+def test_of_a_quiet_camera_it_is_what_it_would_be_in_the_mean_with_the_noise_that_is_missing(bands):
+    """Which two draws in each band, of opposite sign, give exactly: it is quadratic in spectra."""
+    world = World(bands, seed=3)
+    quiet = world.rng.uniform(0, 1, bands)
+    known = world.known()
+    h, pixels = hypotheses(known), world.pixels(known)
+    step = torch.from_numpy(np.diag(np.sqrt(bands * quiet))).float()
+    draws = [evidence(h, pixels + sign * b[:, None])[0] for b in step for sign in (-1, 1)]
+    ours, _ = evidence(hypotheses(known._replace(quiet=torch.from_numpy(quiet).float())), pixels)
+    close(ours, torch.stack(draws).double().mean(0), atol=0.02)
+    missing = evidence(h, pixels)[0] - ours
+    assert (missing > 1).all() and np.ptp(missing[:, 0].numpy()) > 0.5  # of some materials less
+
+
 @pytest.mark.parametrize("bands", [25, 60])
 def test_of_many_bands_it_is_the_density_of_the_components(bands):
     world = World(bands, k=5, seed=2)

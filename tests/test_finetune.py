@@ -166,6 +166,12 @@ def test_a_library_of_part_of_the_bands(traced, cache):
         ReshadedSet(cache, "train", 2, NEW.subset([SKY]))
 
 
+@pytest.mark.parametrize("name", [SKY, "sand"])
+def test_a_library_that_leaves_no_choice_is_refused(cache, name):
+    with pytest.raises(InputError, match=f"{name} alone"):
+        finetune(network(), NEW.subset([name]), cache)
+
+
 @pytest.mark.parametrize("e", [0.9, 0.12, 0.04])
 def test_weights_of_the_paths_stay_tame_whatever_the_metal(tmp_path, e):
     """Their mean square, bounce by bounce, grows like that of (1 - e) / (1 - traced_with)."""

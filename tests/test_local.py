@@ -60,6 +60,31 @@ def test_agrees_with_a_general_purpose_minimiser(make_pixels, k):
                 assert local.energy[i].min() + HOPELESS < local.energy[i, m] < slow + slack
 
 
+def test_a_quiet_camera_shows_what_it_would_in_the_mean_with_the_noise_that_is_missing(make_pixels):
+    """Of the right material, where no V is at its bounds: J is all but quadratic in spectra."""
+    p = make_pixels(k=2, shape=(5, 8), seed=1)
+    model, local = solve(p)
+    quiet = np.random.default_rng(0).uniform(0, 1, p.cube.bands)
+    inside = np.flatnonzero((local.lighting > 0.1).all(axis=1))
+
+    def energy(model, spectra):
+        found = solve_local(model, spectra, hopeless=np.inf, threads=1)
+        return found.energy[inside, p.material[inside]]
+
+    plain, step = energy(model, p.cube.spectra), 0.5  # noise units
+    expected = plain.astype(float)
+    for b, share in enumerate(quiet):
+        off = np.zeros(p.cube.bands)
+        off[b] = step * p.cube.sigma[b]
+        around = [energy(model, p.cube.spectra + sign * off) - plain for sign in (-1, 1)]
+        expected += share * np.sum(around, axis=0) / (2 * step**2)
+    quiet_model = reduce_model(replace(p.cube, quiet=quiet), p.library, p.environment)
+    ours = energy(quiet_model, p.cube.spectra)
+    assert len(ours) > 10
+    np.testing.assert_allclose(ours, expected, atol=0.3)
+    assert (ours > plain + 5).all()
+
+
 def test_temperature_error_meets_the_cramer_rao_bound(make_pixels):
     p = make_pixels(shape=(60, 60))
     model, local = solve(p)

@@ -221,6 +221,10 @@ def bad_files(folder):
         "no number": {"config": config.replace("8", '"8"'), "history": "{}"},
         "negative": {"config": config.replace("8", "-8"), "history": "{}"},
         "history": {"config": config, "history": "so it was"},
+        "no stride": {"config": config[:-1] + ', "stride": 0}', "history": "{}"},
+        "odd stride": {"config": config[:-1] + ', "stride": 3}', "history": "{}"},
+        "half a stride": {"config": config[:-1] + ', "stride": 2.5}', "history": "{}"},
+        "no dilation": {"config": config.replace("[1]", "[0]"), "history": "{}"},
     }  # fmt: skip
     for name, content in files.items():
         (folder / name).write_bytes(content)
@@ -228,8 +232,10 @@ def bad_files(folder):
         save_file(tensors, folder / name, metadata)
     save_file({n: p for n, p in list(tensors.items())[1:]}, folder / "one less",
               {"config": config, "history": "{}"})  # fmt: skip
+    save_file({n: p / 0 for n, p in tensors.items()}, folder / "endless",
+              {"config": config, "history": "{}"})  # fmt: skip
     (folder / "folder").mkdir()
-    return [*files, *about, "one less", "folder", "not there"]
+    return [*files, *about, "one less", "endless", "folder", "not there"]
 
 
 def test_files_that_hold_no_network_are_named_in_one_sentence(tmp_path):
@@ -241,3 +247,12 @@ def test_files_that_hold_no_network_are_named_in_one_sentence(tmp_path):
         rest = said.replace(str(tmp_path / name), "")
         assert rest.endswith(".") and rest.count(". ") == 0 and "\n" not in said, said
     load_network(tmp_path / "good")
+
+
+def test_weights_that_diverged_are_not_written(tmp_path):
+    net = network(width=8, dilations=(1,))
+    with torch.no_grad():
+        net.heads.bias[0] = torch.nan
+    with pytest.raises(InputError, match="diverged"):
+        save_network(net, tmp_path / "net.safetensors", {})
+    assert not list(tmp_path.iterdir())

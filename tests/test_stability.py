@@ -83,6 +83,25 @@ def test_first_levels_are_harmless(library):
         np.testing.assert_allclose(case(axis, AXES[axis].levels[0], library).cube.radiance, plain)
 
 
+def test_what_several_axes_start_from_is_answered_once_and_nothing_else_is(library, monkeypatch):
+    asked = []
+
+    def rows(c, again, view, model):
+        asked.append((view, c.fingerprint))
+        yield {"method": "net", "draws": c.fingerprint != again.fingerprint}
+
+    monkeypatch.setattr(stability, "_rows", rows)
+    known, other = {}, replace(FOREST, seed=8)
+    one = {"gain off": 0, "offset": 0, "saturation": 0, "offset, as stated": 0}
+    others = {"gain off": 3, "offset": 3, "offset, as stated": 3, "wrong curves": 1, "bands": 6}
+    for view in (FOREST, other):
+        for axis, level in [*one.items(), *others.items()]:
+            (row,) = stability.measured(axis, level, view, library, None, known)
+            assert row["axis"] == axis and row["level"] == level and row["draws"]
+            assert row["scene"] == f"forest {view.seed}"
+    assert len(asked) == len(set(asked)) == 2 * (1 + len(others))
+
+
 def test_the_last_level_of_the_crossover_is_a_black_enclosure(library):
     """As warm as all that surrounds it, an object shows its T and nothing else."""
     c = case("thermal crossover", 0, library, View("room", 7))

@@ -117,5 +117,5 @@ def _part(cube, rows, columns):
     dead = cube.dead[rows, columns]
     return HeatCube(
         cube.radiance[:, rows, columns].copy(), cube.wavelength_um, cube.fwhm_um, cube.netd_k,
-        None if dead.all() else dead,
+        None if dead.all() else dead, relative_noise=cube.relative_noise,
     )  # fmt: skip

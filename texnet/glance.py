@@ -82,7 +82,7 @@ def from_afar(cube, step):
     dead = _all_dead(cube, step)
     return HeatCube(
         means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / math.sqrt(pixels),
-        None if dead.all() else dead, relative_noise=cube.relative_noise,
+        None if dead.all() else dead, relative_noise=cube.relative_noise, quiet=cube.quiet,
     )  # fmt: skip
 
 

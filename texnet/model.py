@@ -39,9 +39,10 @@ class TeX(NamedTuple):
 
     material_probability (materials, ...); material int64; temperature_k K, of sky that of
     what stands before it, if any, or the air's; temperature_sigma_k K; thermal_lighting
-    (k, ...), zero for sky; texture X (bands, ...) W m-2 sr-1 um-1, zero for sky; sky_texture
-    band mean of its sky-lit part; residual root mean square in noise units; log_evidence nats, of
-    all hypotheses together; unknown bool.
+    (k, ...), of sky zero or that of what may stand before it; texture X (bands, ...) W m-2 sr-1
+    um-1, of sky likewise; sky_texture band mean of its sky-lit part, or, where no object is sky,
+    residual; residual root mean square in noise units; log_evidence nats, of all hypotheses
+    together; unknown bool.
     """
 
     material_probability: torch.Tensor

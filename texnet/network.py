@@ -30,6 +30,8 @@ from physics.known import MAX_T, TERMS, Known
 from physics.planck import brightness_temperature, noise_sigma
 from physics.prior import lighting_scale
 
+from .glance import STEP
+
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
 FREQUENCIES = 6
 ONE = 0.5413  # softplus(ONE) is 1, which some weights are at first
@@ -138,10 +140,15 @@ class Prediction(NamedTuple):
 
 class TeXNet(nn.Module):
     """The network; width is the number of channels of its trunk, whose cells are stride x stride
-    pixels; messages is how many rounds of them are passed."""
+    pixels, 1, 2 or 4; messages is how many rounds of them are passed. Raises ValueError where these
+    are not whole numbers, or too small."""
 
     def __init__(self, width=48, dilations=DILATIONS, messages=2, stride=STRIDE):
         super().__init__()
+        whole = [width, *dilations, 1 + messages, stride]
+        # the parts of a large picture begin at multiples of the glance's step
+        if not all(isinstance(n, int) and n > 0 for n in whole) or STEP % stride:
+            raise ValueError(f"no network of {width=}, {dilations=}, {messages=}, {stride=}")
         self.config = dict(
             width=width, dilations=tuple(dilations), messages=messages, stride=stride
         )

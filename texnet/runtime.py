@@ -104,7 +104,7 @@ class Runtime:
             raise InputError(f"model: its inputs are radiance and Known's fields; see {wrong}.")
         axes_of = {i.name: i.shape for i in self._session.get_inputs() if i.name in names}
         sizes = {}
-        for name, axes in (axes_of | {"error": axes_of["sigma"]}).items():
+        for name, axes in (axes_of | dict.fromkeys(("error", "quiet"), axes_of["sigma"])).items():
             shape = given[name].shape
             for size, n in zip(axes, shape, strict=False):
                 if isinstance(size, str):

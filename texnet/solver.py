@@ -71,7 +71,7 @@ def solve_hot(cube, radiance, library, environment):
     """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, of
     radiance (bands, n), as `physics.cube.hot` parts them."""
     # most of it is of the curves, whatever the bands' own noise and the air before the camera
-    noisy = replace(cube, netd_k=hot.netd_k(cube, radiance), relative_noise=None)
+    noisy = replace(cube, netd_k=hot.netd_k(cube, radiance), relative_noise=None, quiet=None)
     model = reduce_model(noisy, library, environment, _of_hot(cube.wavelength_um, radiance))
     with no_blas_threads():
         maps = _by_tiles(model, radiance[:, None], numba.get_num_threads())

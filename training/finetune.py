@@ -55,16 +55,26 @@ def finetune(
 
     history is a dict of plain values: settings, minutes, what the training set was, and under
     "before" and "after" the metrics on held-out scenes (or the Eq. 1 loss on the cubes).
-    Raises InputError where library and cubes or 8-14 um do not fit together.
+    Raises InputError where library and cubes or 8-14 um do not fit together, or the library is a
+    single material.
     """
     check_device(device)
+    if len(library) < 2:
+        raise InputError(
+            "library: the network chooses between materials and needs two, of which the sky may be "
+            f"one; it holds {library.names[0]} alone."
+        )
     network = copy.deepcopy(network).train()
     start = time.perf_counter()
     if cubes:
         terms, rate = "physics", PHYSICS_LEARNING_RATE
         whole = with_sky(library)
         data = [
-            (fingerprint(c.radiance, c.wavelength_um, c.fwhm_um, c.dead), c.netd_k) for c in cubes
+            (
+                fingerprint(c.radiance, c.wavelength_um, c.fwhm_um, c.dead, c.relative_noise),
+                c.netd_k,
+            )
+            for c in cubes
         ]
         taken = []
         for i, cube in enumerate(cubes, 1):

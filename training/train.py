@@ -83,11 +83,12 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
 
 
 def run_name(settings):
-    """A folder name for a run: the same settings (plain values), code and data of physics, the same
-    name."""
+    """A folder name for a run: the same settings (plain values), code and data of physics, and
+    packages that compute, the same name."""
     packages = [Path(package.__file__).parent for package in (physics, texnet)]
     data = sorted((packages[0] / "data").iterdir())
-    return provenance(settings, [*packages, Path(__file__).parent, *data])
+    of = settings, {name: version(name) for name in ("torch", "numpy", "scipy", "scikit-learn")}
+    return provenance(of, [*packages, Path(__file__).parent, *data])
 
 
 class Draws(Dataset):

@@ -76,6 +76,9 @@ class HeatCube(ReadOnly):
     relative_noise  (bands,) noise of each band over that which netd_k says, where a camera's bands
                    differ, or as air leaves it that was taken out (`texnet.camera.correction`);
                    1 of all if None; not kept in files
+    quiet          (bands,) share of that noise's variance by which pixels do not scatter, 0 to 1:
+                   where a camera has less noise than a model leaves out (`prepared`); 0 of all if
+                   None; not kept in files
 
     Raises InputError, in one sentence, where the data are not that.
     """
@@ -86,6 +89,7 @@ class HeatCube(ReadOnly):
     netd_k: float | None = None
     dead: np.ndarray | None = None
     relative_noise: np.ndarray | None = field(default=None, kw_only=True)
+    quiet: np.ndarray | None = field(default=None, kw_only=True)
 
     def __post_init__(self):
         given = numbers(self.radiance, "cube: radiance")
@@ -133,18 +137,23 @@ class HeatCube(ReadOnly):
                 f"cube: NETD must be above 0 and at most {MAX_NETD_K:g} K, got {self.netd_k}; "
                 "give it in K, not in mK."
             )
-        relative = np.ones_like(w)
+        relative, quiet = np.ones_like(w), np.zeros_like(w)
         if self.relative_noise is not None:
             relative = numbers(self.relative_noise, "cube: relative_noise").astype(np.float64)
         if relative.shape != w.shape or not (np.isfinite(relative) & (relative > 0)).all():
             raise InputError("cube: relative_noise must hold one number above 0 per band.")
-        for array in (s, width, dead, relative):
+        if self.quiet is not None:
+            quiet = numbers(self.quiet, "cube: quiet").astype(np.float64)
+        if quiet.shape != w.shape or not ((quiet >= 0) & (quiet <= 1)).all():
+            raise InputError("cube: quiet must hold one number from 0 to 1 per band.")
+        for array in (s, width, dead, relative, quiet):
             array.setflags(write=False)
         object.__setattr__(self, "radiance", s)
         object.__setattr__(self, "wavelength_um", w)
         object.__setattr__(self, "fwhm_um", width)
         object.__setattr__(self, "dead", dead)
         object.__setattr__(self, "relative_noise", relative)
+        object.__setattr__(self, "quiet", quiet)
         if self.netd_k is not None:
             object.__setattr__(self, "netd_k", float(netd))
 
@@ -213,6 +222,7 @@ class HeatCube(ReadOnly):
         return replace(
             self, radiance=radiance, wavelength_um=self.wavelength_um[good],
             fwhm_um=self.fwhm_um[good], relative_noise=self.relative_noise[good],
+            quiet=self.quiet[good],
         )  # fmt: skip
 
     def measured(self):

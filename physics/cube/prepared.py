@@ -38,9 +38,10 @@ def prepared(cube, library):
     beyond = dict.fromkeys(whole[~there].tolist(), "beyond the library")
     left_out = dict(sorted((left_out | beyond).items()))
     camera_netd_k = cube.netd_k
-    noise = camera_netd_k * cube.relative_noise
-    if (noise < LEAST_NETD_K).any():
+    own = camera_netd_k * cube.relative_noise
+    if (own < LEAST_NETD_K).any():
         netd_k = max(camera_netd_k, LEAST_NETD_K)
-        noise = np.maximum(noise, LEAST_NETD_K)
-        cube = replace(cube, netd_k=netd_k, relative_noise=noise / netd_k)
+        noise = np.maximum(own, LEAST_NETD_K)
+        quiet = 1 - (own / noise) ** 2
+        cube = replace(cube, netd_k=netd_k, relative_noise=noise / netd_k, quiet=quiet)
     return Prepared(cube, left_out, shift, whole[there], camera_netd_k)

@@ -38,7 +38,9 @@ of the scale of the scene, the Laplace evidence is
 
 with F the Fisher information of (T, V) at the prior mean of T. A mirror with free V
 reproduces any environment spectrum; occam is what it pays for having had to tune V. The
-sky has nothing to tune.
+sky has nothing to tune. Of a camera with less noise than is allowed for, occam also holds what
+chi^2 / 2 would be more in the mean with the noise that is missing, tr(C'^-1 diag(quiet)) / 2, C'
+being C with what T and V are free in.
 """
 
 from dataclasses import dataclass
@@ -178,7 +180,14 @@ def reduce_model(
     pa = au - (au @ d.transpose(0, 2, 1)) @ d
     gram = au @ pa.transpose(0, 2, 1)
     log_det = 2 * np.log(np.diagonal(chol, axis1=1, axis2=2)).sum(1) - 2 * np.log(scale).sum(1)
-    occam = _occam(gram, terms, t) + 0.5 * log_det - np.log(of.prior)
+    free = _free(k, terms, t)
+    one_and_fisher = np.eye(k) + free.T @ gram @ free
+    occam = 0.5 * np.linalg.slogdet(one_and_fisher)[1] + 0.5 * log_det - np.log(of.prior)
+    if cube.quiet.any():  # J would be more, in the mean, with the noise that is missing
+        fitted = free.T @ (pa * scale[:, None])
+        left = scale**2 * (1 - (d**2).sum(axis=1))
+        left = left - (fitted * np.linalg.solve(one_and_fisher, fitted)).sum(axis=1)
+        occam += 0.5 * left @ cube.quiet
 
     v = np.arange(terms, terms + k)
     gram[:, v, v] += V_PRECISION * k
@@ -223,11 +232,11 @@ def _temperatures(cube, environment):
 
 def _mixtures(library, environment):
     """The Mixtures of a library, without a sky that is not in view."""
+    if library.is_sky.all():
+        raise InputError("library: it holds no material but the sky; add materials.")
     in_view = environment.sky_mean is not None
     of = Mixtures.of(library.is_sky, in_view)
     there = in_view | ~library.is_sky[of.material]
-    if not there.any():
-        raise InputError("library: it holds only the sky, but no sky is in view; add materials.")
     return Mixtures(*(a[there] for a in of))
 
 
@@ -250,19 +259,16 @@ def _rows(of, series, light, reflected, environment, sigma, black):
     return a, u
 
 
-def _occam(gram, terms, t):
-    """(R,) log det(I + Sigma_prior F) / 2, F of T and of V along the k - 1 directions that keep
-    its sum."""
-    k = gram.shape[1] - terms
+def _free(k, terms, t):
+    """(r, k) what T and V, along the k - 1 directions that keep its sum, are free in, one standard
+    deviation of their priors long."""
     at = (t.prior_mean - t.mid) / t.half
     tangent = np.zeros((terms + k, k))
     tangent[:terms, 0] = [
         chebyshev.chebval(at, chebyshev.chebder(c)) / t.half for c in np.eye(terms)
     ]
     tangent[terms:, 1:] = np.linalg.svd(np.eye(k) - 1.0 / k)[0][:, : k - 1]
-    width = np.array([t.prior_sigma] + [lighting_scale(k)] * (k - 1))
-    fisher = width[:, None] * (tangent.T @ gram @ tangent) * width
-    return 0.5 * np.linalg.slogdet(np.eye(k) + fisher)[1]
+    return tangent * np.array([t.prior_sigma] + [lighting_scale(k)] * (k - 1))
 
 
 def groups(row):

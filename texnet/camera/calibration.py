@@ -369,5 +369,6 @@ def _sample(cube, left_out=None):
         there = there[: there.size // columns * columns].reshape(-1, columns)
         radiance = radiance.reshape(cube.bands, -1)[:, there]
     return HeatCube(
-        radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k, relative_noise=cube.relative_noise
-    )
+        radiance, cube.wavelength_um, cube.fwhm_um, cube.netd_k,
+        relative_noise=cube.relative_noise, quiet=cube.quiet,
+    )  # fmt: skip

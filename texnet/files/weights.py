@@ -12,7 +12,13 @@ from ..network import TeXNet
 
 
 def save_network(network, path, history):
-    """Write a TeXNet; history is a dict of plain values that says how it came about."""
+    """Write a TeXNet; history is a dict of plain values that says how it came about. InputError if
+    its weights are not all numbers."""
+    if not _finite(network):
+        raise InputError(
+            f"cannot write {path}: training diverged, the weights are no numbers; take another "
+            "seed."
+        )
     about = {"config": json.dumps(network.config), "history": json.dumps(history)}
     with whole_file(path) as part:
         # save_file would make a file that nobody else may read
@@ -32,4 +38,10 @@ def load_network(path):
         if isinstance(e, OSError):  # safetensors leaves strerror out
             reason = e.strerror or "there is no such file, or it may not be read"
         raise InputError(f"model: cannot read {path}: {reason}.") from e
+    if not _finite(network):
+        raise InputError(f"model: cannot use {path}: its weights are no numbers; train it anew.")
     return network.eval(), history
+
+
+def _finite(network):
+    return all(p.isfinite().all() for p in network.state_dict().values())
