@@ -88,7 +88,9 @@ def by_network(library, model, refined=True, progress=None):
 def by_solver(library, smooth, report):
     """local of a MaterialLibrary, or sgd, if smooth; report(what) gives a progress(done, total) or
     None."""
-    from .solver import solve_each, solve_smooth  # numba takes a second to load
+    import numba  # which takes a second to load
+
+    from .solver import solve_each, solve_smooth
 
     def there(seen):
         return library.subset([library.names[i] for i in seen])
@@ -103,7 +105,7 @@ def by_solver(library, smooth, report):
         lap("local")
         return maps
 
-    return Method(lambda: Look(look), run, expects=False)  # which takes all threads
+    return Method(lambda: Look(look, numba.get_num_threads()), run, expects=False)
 
 
 def _cut_off(maps, prior_k, cube):

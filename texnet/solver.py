@@ -26,6 +26,7 @@ from .uncertainty import (
     smooth_trust,
 )
 
+FEW = 4000  # pixels, for which other threads than the caller's are not worth starting
 HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
@@ -37,8 +38,9 @@ def solve_each(cube, library, environment, regions=None, progress=None):
     progress  called as progress(done, total)
     """
     model = _compiled(cube, library, environment)
+    threads = numba.get_num_threads() if cube.radiance[0].size > FEW else 1
     with no_blas_threads():
-        return _by_tiles(model, cube.radiance, numba.get_num_threads(), regions, progress)
+        return _by_tiles(model, cube.radiance, threads, regions, progress)
 
 
 def solve_smooth(cube, library, environment, report, lap):

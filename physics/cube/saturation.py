@@ -18,11 +18,11 @@ MANY = 20  # values of theirs, fewer of which are no sensor's
 
 def saturated(cube):
     """(height, width) bool, where any band of a HeatCube is at its ceiling; dead pixels are not."""
-    pixels = np.zeros(cube.shape, bool)
+    pixels, seen = np.zeros(cube.shape, bool), ~cube.dead
     for band in scratch.parts(cube.radiance):
-        top = ~cube.dead & (band == band[~cube.dead].max())
-        others = band[~cube.dead & ~top]
-        if np.count_nonzero(top) >= LEAST and _is_pile(others, np.count_nonzero(top)):
+        top = seen & (band == band.max(where=seen, initial=0))
+        count = np.count_nonzero(top)
+        if count >= LEAST and _is_pile(band[seen & ~top], count):
             pixels |= top
     return pixels
 
