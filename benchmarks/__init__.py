@@ -12,7 +12,6 @@ band_design  designed filters against equidistant ones
 library_from_cube  a library made from the cube alone against the exact one
 finetune     what fine-tuning is worth on materials never seen
 ablation     what each part of the network and of its loss earns
-starts       what a good start buys TeX-SGD
 other_skies  scenes under skies of LOWTRAN 7; lowtran7 made these, and our sky's coefficients
 mitsuba_agreement  the simulator against an independent renderer
 reproduce    the paper's figures; paper_method is the paper's method, as written

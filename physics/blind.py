@@ -84,7 +84,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
             f"of {MIN_BANDS} or more, or a library from elsewhere."
         )
     netd_k = max(own_k, MIN_NETD_K)
-    cube = replace(cube, netd_k=netd_k)
+    cube = replace(cube, netd_k=netd_k, quiet=None)  # as its spectra get the noise
     sample = Sample(cube, starter, seed)
     sky = sample.sky
     if not sky.any():

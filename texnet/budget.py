@@ -117,5 +117,5 @@ def _part(cube, rows, columns):
     dead = cube.dead[rows, columns]
     return HeatCube(
         cube.radiance[:, rows, columns].copy(), cube.wavelength_um, cube.fwhm_um, cube.netd_k,
-        None if dead.all() else dead, relative_noise=cube.relative_noise,
+        None if dead.all() else dead, relative_noise=cube.relative_noise, quiet=cube.quiet,
     )  # fmt: skip

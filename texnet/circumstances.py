@@ -1,11 +1,11 @@
 """What is found before any pixel is solved: the environment that lights the scene, and what is
 wrong with or before the camera.
 
-Bad bands are left out, the noise is what the cube shows, if more than stated, and the wavelengths
-are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`). Then come the
-environment, from the cube; a sky that is not in view, if nothing else explains the pixels, and the
-camera's wavelengths, gains or offset or the air before it, if these show them, or more noise, if
-nothing fits (`camera.calibration`); how much of that air is before each pixel
+Bad bands are left out, the noise is what the cube shows, if another than stated, and the
+wavelengths are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`).
+Then come the environment, from the cube; a sky that is not in view, if nothing else explains the
+pixels, and the camera's wavelengths, gains or offset or the air before it, if these show them, or
+more noise, if nothing fits (`camera.calibration`); how much of that air is before each pixel
 (`camera.distances`); and the environment again, from the cube as a right camera would have shown
 it.
 """

@@ -25,6 +25,7 @@ from .saturation import saturated
 SAMPLES = 6000  # pixels
 CALM, PER_BAND = 0.25, 4  # of the pixels, or so many for each band, if that is more
 LEAST_PER_BAND = 2
+APART = 4  # bands
 COMPONENTS, MANY_BANDS = 12, 30  # bands of whose components half may be, and are, noise
 # pixels of so many times most pixels' variance in that half are defective; sweeps to find them
 DEFECTIVE, SWEEPS = 4.0, 6
@@ -80,6 +81,13 @@ def usual_noise(squares):
     if squares.shape[-1] < MANY_BANDS:
         return noise
     return max(noise, _of_components(squares[0]) or 0.0)
+
+
+def most_noise(squares):
+    """The same of bands that lie APART: what only those beside them share, as of a spectrum that
+    was apodised or resampled, they do not predict, nor all of the texture."""
+    some = [usual_noise(squares[..., first::APART]) for first in range(APART)]
+    return None if None in some else max(some)
 
 
 def _of_components(spectra):

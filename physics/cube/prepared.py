@@ -42,6 +42,6 @@ def prepared(cube, library):
     if (own < LEAST_NETD_K).any():
         netd_k = max(camera_netd_k, LEAST_NETD_K)
         noise = np.maximum(own, LEAST_NETD_K)
-        quiet = 1 - (own / noise) ** 2
+        quiet = 1 - (1 - cube.quiet) * (own / noise) ** 2
         cube = replace(cube, netd_k=netd_k, relative_noise=noise / netd_k, quiet=quiet)
     return Prepared(cube, left_out, shift, whole[there], camera_netd_k)

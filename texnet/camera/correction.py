@@ -83,8 +83,9 @@ def corrected(cube, c, distances=None):
     # even noise over it would tell as much (gains of bands among each other are 1 in the mean)
     mean = math.sqrt(np.mean((gains / c.of_bands(cube.bands)) ** 2))
     netd_k = min(cube.netd_k * c.noise / mean, MAX_NETD_K)
+    quiet = cube.quiet / c.noise**2  # pixels do scatter by what it is raised for
     if c.keeps_radiance:
-        return replace(cube, netd_k=netd_k)
+        return replace(cube, netd_k=netd_k, quiet=quiet)
     at, some = 0, [c]
     if distances is not None:
         at, some = _by_distance(distances.metres, c, w, cube.fwhm_um)
@@ -96,7 +97,9 @@ def corrected(cube, c, distances=None):
         scratch.release(radiance)
     radiance.setflags(write=False)
     relative_noise = cube.relative_noise * mean / gains
-    return replace(cube, radiance=radiance, netd_k=netd_k, relative_noise=relative_noise)
+    return replace(
+        cube, radiance=radiance, netd_k=netd_k, relative_noise=relative_noise, quiet=quiet
+    )
 
 
 def _by_distance(metres, c, wavelength_um, fwhm_um):

@@ -28,6 +28,7 @@ OCTAVES = np.arange(-5.0, 5.0)  # of d / d_0 that are tried
 SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2
 PATCHES = 8000  # at most about so many
 FAR = 0.75  # of the ground is nearer than that whose air the noise is of
+FEW = 0.1  # fewer pixels unlike the sky, and noise may hide the rest of the ground
 ENOUGH = 20.0  # nats: what is unlikely at one distance has no more to say
 
 
@@ -56,10 +57,10 @@ def distances(cube, environment, clear, look, materials, found):
 
 def far(metres, cube, environment):
     """m to a far pixel of a HeatCube's ground, metres (height, width) being those to all; what is
-    dead or looks like the sky in view of an Environment is left out, if anything else is there."""
+    dead or looks like the sky in view of an Environment is left out, unless FEW are left."""
     sky = like_sky(cube.spectra, environment, cube.sigma).reshape(cube.shape)
-    ground = metres[~sky & ~cube.dead]
-    return float(np.quantile(ground if ground.size else metres, FAR))
+    ground = ~sky & ~cube.dead
+    return float(np.quantile(metres[ground] if ground.mean() >= FEW else metres, FAR))
 
 
 def among_neighbours(nats):
