@@ -40,7 +40,7 @@ from .estimate import USUAL_OBJECTS, Sample
 from .exact.local import solve_given, solve_local
 from .exact.reduced import reduce_model
 from .library import SKY, MaterialLibrary
-from .planck import brightness_temperature, noise_sigma, planck
+from .planck import brightness_temperature, planck
 
 MIN_BANDS, MIN_PIXELS = 20, 200
 MIN_NETD_K = 0.05  # finer cubes get noise: what Eq. 1 says wrongly would pass for materials
@@ -74,7 +74,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     if given and (not isinstance(materials, (int, np.integer)) or materials < 1):
         raise InputError(f"library: materials must be a whole number >= 1, got {materials!r}.")
     starter = MaterialLibrary.starter().subset([SKY])
-    cube, left_out, shift, _, own_k = prepared(cube, starter)
+    cube, left_out, shift, *_ = prepared(cube, starter)
     full = saturated(cube) & ~cube.dead
     if full.mean() < MOST_SATURATED:
         cube = replace(cube, dead=cube.dead | full)
@@ -83,8 +83,9 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
             f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
             f"of {MIN_BANDS} or more, or a library from elsewhere."
         )
-    netd_k = max(own_k, MIN_NETD_K)
-    cube = replace(cube, netd_k=netd_k, quiet=None)  # as its spectra get the noise
+    own = cube.sigma**2 * (1 - cube.quiet)
+    # as its spectra get the noise
+    cube = replace(cube, netd_k=max(cube.netd_k, MIN_NETD_K), quiet=None)
     sample = Sample(cube, starter, seed)
     sky = sample.sky
     if not sky.any():
@@ -96,7 +97,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         raise InputError(f"library: the cube has fewer than {MIN_PIXELS} pixels beside the sky.")
     environment = sample.environment(USUAL_OBJECTS)
     s, rng = sample.spectra * cube.sigma, np.random.default_rng(seed)
-    missing = noise_sigma(cube.wavelength_um, np.sqrt(netd_k**2 - own_k**2))
+    missing = np.sqrt(np.maximum(cube.sigma**2 - own, 0))
     s = np.maximum(s + missing * rng.standard_normal(s.shape), s / 2)
     e = _emissivity(cube, s[~sky], environment.radiance[list(environment.sky)].mean(axis=0))
     clusters = CLUSTERS if materials is None else max(CLUSTERS, materials)
@@ -136,9 +137,10 @@ class _Scene(NamedTuple):
 
     def library(self, names, curves, descriptions=None):
         w, width = self.cube.wavelength_um, self.cube.fwhm_um
-        beyond = 0.5 * max(width.max(), np.diff(w).max())  # as far as any band reaches
+        ends = np.array([w[0], w[-1]]) + np.diff(w)[[0, -1]] * [-0.5, 0.5]  # if bands are narrow
+        ends = min(ends[0], (w - width / 2).min()), max(ends[1], (w + width / 2).max())
         e = np.pad(np.concatenate([self.sky_curve[None], curves]), ((0, 0), (1, 1)), mode="edge")
-        grid = np.concatenate([[w[0] - beyond], w, [w[-1] + beyond]])
+        grid = np.concatenate([ends[:1], w, ends[1:]])
         level = [0.0] + [LEVEL_SIGMA] * (len(names) - 1)  # the first is the sky
         return MaterialLibrary(names, grid, e, descriptions=descriptions, level_sigma=level)
 

@@ -190,6 +190,13 @@ def test_a_camera_s_bands_may_differ_in_noise(stated):
     assert as_many(d) > as_many(right("forest", 36)) - 0.03
 
 
+def test_a_noisy_band_that_shows_the_scene_is_not_stuck():
+    """Whose contrast is a small part of its noise."""
+    cube = traced("forest", 36)[0]
+    noisy = np.where(np.arange(36) % 3, 1.0, 60.0)
+    assert not without_bad_bands(replace(cube, relative_noise=noisy))[1]
+
+
 def test_no_band_is_taken_for_less_noisy_than_the_model_is_good():
     """Nor any that is noisier for more than it is, however the two are stated."""
     cube = traced("forest", 18)[0]  # of so few bands the noise that is stated stands

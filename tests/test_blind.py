@@ -79,6 +79,13 @@ def test_the_commonest_comes_first():
     assert said == sorted(said, reverse=True) and said[0] > 1.5 * said[1]
 
 
+def test_a_gap_between_bands_invents_nothing_beyond_them():
+    seen = np.abs(W - 10.5) > 1
+    library, _ = library_from_cube(make()[0].only(seen))
+    ends = library.wavelength_um[[0, -1]]
+    np.testing.assert_allclose(ends, W[[0, -1]], atol=0.51 * (W[1] - W[0]))
+
+
 def test_the_order_of_the_pixels_does_not_matter():
     cube, _ = make()
     ground = np.arange(12 * 60, cube.radiance[0].size)  # the sky stays above

@@ -205,6 +205,14 @@ def test_nothing_is_learnt_from_copies():
     assert f"{there.unknown[:, :width].mean():.1%} unknown" in repr(there)
 
 
+@pytest.mark.parametrize("shape, dead", [((480, 201), 0), ((480, 201), 1), ((9000, 1), 0)])
+def test_a_sample_is_large_enough_however_regularly_they_lie(shape, dead):
+    pattern = np.add.outer(*map(np.arange, shape)) % 2 == dead
+    s = np.where(pattern, 9.0, 8.0) + np.zeros((3, 1, 1))
+    sample = HeatCube(s, np.array([9.0, 10.0, 11.0]), dead=pattern).sample(6000)
+    assert 2 * len(sample) >= min(6000, (~pattern).sum()) and (sample == 8.0).all()
+
+
 def test_noise_is_not_estimated_from_copies():
     cube = traced("forest", 54)[0]
     for part in (cube, cube.only(np.arange(54) % 9 == 4)):

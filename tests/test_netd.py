@@ -93,6 +93,17 @@ def test_a_picture_that_is_mostly_holes_will_do():
     assert HeatCube(s, cube.wavelength_um).with_netd().netd_k == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.parametrize("step", [2, 3])
+@pytest.mark.parametrize("bands", [9, 36])
+def test_a_picture_without_whole_squares_will_do(bands, step):
+    """As of a mosaic, of which one pixel in each cell sees these bands."""
+    cube = noisy("forest", bands, 0.1)
+    dead = np.ones(cube.shape, bool)
+    dead[::step, ::step] = False
+    mosaic = HeatCube(cube.radiance, cube.wavelength_um, cube.fwhm_um, dead=dead)
+    assert mosaic.with_netd().netd_k == pytest.approx(0.1, rel=0.1)
+
+
 @pytest.mark.parametrize("share, of_values", [(0.003, False), (0.0005, True)])
 def test_defective_pixels_are_not_the_noise(share, of_values):
     """Each may be anything in each band, or now and then be twice what it should in one."""

@@ -75,10 +75,11 @@ def _bad(wavelength_um, squares, relative_noise, good):
     live = spread > STUCK_NOISE * usual
     # a band without contrast at the end of the range may just see opaque air: live bands must lie
     # on both sides. If only a few bands are live, the others are not compared with them
-    near = np.interp(w, w[live], spread[live], 0, 0) if 2 * live.sum() > len(w) else spread
+    in_k = k * spread
+    near = np.interp(w, w[live], in_k[live], 0, 0) if 2 * live.sum() > len(w) else in_k
     found = {
-        good[i]: f"varies by {k[i] * spread[i]:.2g} K where its neighbours vary by {near[i]:.2g} K"
-        for i in np.flatnonzero(spread < STUCK_SHARE * near)
+        good[i]: f"varies by {in_k[i]:.2g} K where its neighbours vary by {near[i]:.2g} K"
+        for i in np.flatnonzero(in_k < STUCK_SHARE * near)
     }
     return found or {
         good[i]: f"noise of {k[i] * noise[i]:.2g} K where {k[i] * usual:.2g} K is usual"

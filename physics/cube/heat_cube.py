@@ -187,15 +187,18 @@ class HeatCube(ReadOnly):
         return self.radiance.reshape(self.bands, -1).T
 
     def sample(self, at_least):
-        """(n, bands) float64 spectra of a regular subsample of at_least so many pixels, if there
-        are, and a few times that at most; none of them dead."""
+        """(n, bands) float64 spectra of a regular subsample of about at_least so many pixels, if
+        there are, and a few times that at most; none of them dead."""
         return self.pixels(self.regular_pixels(at_least))
 
     def regular_pixels(self, at_least):
         """(n,) ascending indices into `spectra` of the pixels of `sample`."""
         step = sampling_step(self.shape, at_least * self.dead.size // self.measured_count)
         at = np.arange(0, self.dead.size, step)
-        return at[~self.dead.reshape(-1)[at]]
+        at = at[~self.dead.reshape(-1)[at]]
+        if 2 * len(at) < min(at_least, self.measured_count):  # the dead lie as regularly
+            at = self.random_pixels(np.random.default_rng(0), at_least)
+        return at
 
     def random_pixels(self, rng, at_most):
         """(n,) ascending indices into `spectra` of at_most pixels at random, none of them dead."""

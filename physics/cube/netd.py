@@ -58,14 +58,18 @@ def estimated_netd(cube):
 
 def squares_of(cube):
     """(4, n, bands) spectra of some pixels of a HeatCube and of those to the right, below, and
-    below to the right of each (of a single row or column, of four on end); if it can be, none of
-    them dead or at a ceiling, which is calm, nor the same twice, as where a picture was
-    resampled."""
+    below to the right of each (of a single row or column, of four on end; so, too, of measured
+    pixels that hardly lie in squares); if it can be, none of them dead or at a ceiling, which is
+    calm, nor the same twice, as where a picture was resampled."""
     size, width, dead = cube.dead.size, cube.shape[1], (cube.dead | saturated(cube)).reshape(-1)
-    offsets = (0, 1, width, width + 1) if min(cube.shape) > 1 else (0, 2, 3, 1)
-    of = (cube.regular_pixels(SAMPLES) + np.array(offsets)[:, None]) % size
-    measured = ~dead[of].any(axis=0)
-    of = of[:, measured] if measured.any() else of
+    some, on_end = cube.regular_pixels(SAMPLES), np.array([[0], [2], [3], [1]])
+    square = np.array([[0], [1], [width], [width + 1]])
+    of = (some + (square if min(cube.shape) > 1 else on_end)) % size
+    whole, measured = ~dead[of].any(axis=0), np.flatnonzero(~dead)
+    if np.count_nonzero(whole) >= min(len(some), LEAST_PER_BAND * cube.bands):
+        of = of[:, whole]
+    elif measured.size:
+        of = measured[(np.searchsorted(measured, some) + on_end) % measured.size]
     squares = cube.pixels(of.ravel()).reshape(*of.shape, cube.bands)
     differ = (squares[0] != squares[3]).any(axis=1) & (squares[1] != squares[2]).any(axis=1)
     return squares[:, differ] if differ.sum() >= LEAST_PER_BAND * cube.bands else squares
