@@ -16,6 +16,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
@@ -197,7 +198,9 @@ class MaterialLibrary(ReadOnly):
     @staticmethod
     def load(path):
         """Read a library file (JSON, see the module); InputError says what is wrong."""
-        instead = "; texnet library import turns a .csv, .txt or .mat library into one"
+        instead = ""
+        if Path(path).suffix.lower() != ".json":
+            instead = "; texnet library import turns a .csv, .txt, .mat or ENVI library into one"
         return MaterialLibrary._from_json(read_json(path, "library", instead), path)
 
     @staticmethod
@@ -237,17 +240,40 @@ def _holds(text, *categories):
     return not set(categories).isdisjoint(map(unicodedata.category, text))
 
 
+def _is_number(x):
+    return type(x) in (int, float)
+
+
+OPTIONAL = {  # of a material in a library file: whether it is that, and in words
+    "hue_deg": (_is_number, "a number"),
+    "albedo_rgb": (
+        lambda x: isinstance(x, list) and len(x) == 3 and all(map(_is_number, x)), "three numbers",
+    ),
+    "description": (lambda x: isinstance(x, str), "text"),
+    "level_sigma": (_is_number, "a number"),
+}  # fmt: skip
+
+
 def _check_row(row, bands):
-    """InputError unless a material of a library file has a name and an emissivity for each band."""
+    """InputError unless a material of a library file has a name, an emissivity for each band, and
+    nothing else but what is OPTIONAL."""
     name, e = row["name"], row["emissivity"]
     if not isinstance(name, str):
         raise InputError(f"the name of a material must be text, got {json.dumps(name)}.")
-    if not isinstance(e, list) or any(type(x) not in (int, float) for x in e):
+    if not isinstance(e, list) or not all(map(_is_number, e)):
         raise InputError(f"emissivity of {name} must be a list of numbers.")
     if len(e) != bands:
         raise InputError(
             f"emissivity of {name} must be {bands} numbers, one for each wavelength, got {len(e)}."
         )
+    if unknown := row.keys() - {"name", "emissivity", *OPTIONAL}:
+        raise InputError(
+            f"{min(unknown)!r} of {name} is not known; beside its emissivity it may have "
+            f"{', '.join(OPTIONAL)}."
+        )
+    for key, (fits, words) in OPTIONAL.items():
+        if key in row and not fits(row[key]):
+            raise InputError(f"{key} of {name} must be {words}, got {json.dumps(row[key])}.")
 
 
 def _fill_hues(names, hue_deg):

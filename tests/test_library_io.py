@@ -395,9 +395,13 @@ def test_a_folder_s_spectra_of_another_range_are_left_out_and_named(tmp_path, ca
     visible = np.array([0.4, 2.5]), np.array([0.9, 0.9])
     spectrum(folder / "visible.txt", *visible, Measurement="Bidirectional reflectance")
     (folder / "README.txt").write_text("Files: from a database\nof 2024\n")
+    thermal = np.linspace(7.5, 14.5, 15), np.linspace(0.8, 0.9, 15)
+    spectrum(folder / "through.txt", *thermal, Y_Units="Transmittance (percent)")
     words = ["library", "import", str(folder), "--out", str(tmp_path / "lib.json")]
     assert main(words) == 0
-    assert "no spectrum of 7-15 um in README.txt, visible.txt: left out" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "no spectrum of 7-15 um in README.txt, visible.txt: left out" in said
+    assert "no hemispherical reflectance in through.txt: left out" in said
     assert len(MaterialLibrary.load(tmp_path / "lib.json")) == 1
     (folder / "a.txt").unlink()
     assert main(words) == 2
@@ -447,9 +451,9 @@ def test_wrong_folders(tmp_path, capfd):
     (tmp_path / "folder.txt").mkdir()
     (tmp_path / "gone.txt").symlink_to(tmp_path / "nowhere")
     for name in ("c.txt", "d.txt"):
-        spectrum(tmp_path / name, w, e, Measurement="Bidirectional")
+        spectrum(tmp_path / name, w, e, Y_Units="Reflectance")
     sentence = refused(capfd, tmp_path, "--out", out)
-    assert "c.txt holds" in sentence and "refused as well: d.txt" in sentence
+    assert "c.txt has Y Units" in sentence and "refused as well: d.txt" in sentence
 
 
 @pytest.mark.parametrize(

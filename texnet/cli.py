@@ -41,12 +41,14 @@ def main(argv=None):
     for stream in (sys.stdout, sys.stderr):  # a file's name may be beyond its encoding
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+    args = None
     try:
         args = _parser().parse_args(argv)
         text, result = args.run(args)
         _say(text, *([json.dumps(_plain(result), allow_nan=False)] if args.json else []))
-    except (InputError, OSError) as e:  # OSError: a full disk, a read-only folder
-        print(f"texnet: error: {' '.join(str(e).split())}", file=sys.stderr)
+    except (InputError, OSError) as e:
+        said = _of_disk(e, getattr(args, "out", None)) if isinstance(e, OSError) else str(e)
+        print(f"texnet: error: {' '.join(said.split())}", file=sys.stderr)
         return 2
     except MemoryError:
         print("texnet: error: not enough memory; take fewer pixels or bands.", file=sys.stderr)
@@ -55,6 +57,14 @@ def main(argv=None):
         print(f"texnet: {e}" if str(e) else "texnet: interrupted", file=sys.stderr)
         return 130
     return 0
+
+
+def _of_disk(error, out):
+    """What an OSError says, as of a full disk or a read-only folder: of out, not of the hidden file
+    that was to become it."""
+    where = out or error.filename
+    said = error.strerror or str(error)
+    return f"cannot write {where}: {said.removesuffix('.')}." if where else said
 
 
 def _end(number, _):

@@ -44,9 +44,8 @@ def check_wavelength(wavelength_um, what):
             f"{what}: wavelengths reach {w.max():g}, which looks like nm or cm-1; give them in um."
         )
     if (np.diff(w) <= 0).any():
-        raise InputError(
-            f"{what}: wavelengths must ascend without repeats; sort them, as texnet import does."
-        )
+        done = ", as texnet import does" * (what == "cube")
+        raise InputError(f"{what}: wavelengths must ascend without repeats; sort them{done}.")
     w.setflags(write=False)
     return w
 

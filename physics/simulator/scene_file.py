@@ -7,6 +7,7 @@ import re
 import reprlib
 import sys
 from dataclasses import fields, replace
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ LEAST_M = 1.0  # edges of a shape are no longer than this, or than its distance 
 OF_DISTANCE, OF_SCALE, LEAST_OF_NOISE_M = 0.02, 0.25, 1e-3
 CELSIUS_K = 100.0  # no K of any scene
 OVERLAP = 1e-3  # of a polygon's area, as by rounding
+ASCII_ALONE = bytes(range(128)) + b"?" * 128
 PLANE = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
 
 # shape: its dimensions with how many numbers each has (None: one plain number), and a maker
@@ -172,11 +174,14 @@ def _mesh(data, label, folder):
         file = folder / data
         if not file.is_file():
             raise InputError(f"scene: {label}: there is no mesh file {file}.")
+        kind = file.suffix[1:].lower()
+        if kind not in READERS:
+            raise InputError(f"scene: {label}: {file} must be an OBJ, a PLY or an STL.")
         try:
-            m = _read_mesh(file)
-        except Exception as e:  # trimesh's readers raise whatever they stumble over
+            m = READERS[kind](file)
+        except (ValueError, OSError) as e:
             raise InputError(f"scene: {label}: cannot read {file} as a mesh ({e}).") from e
-        if not isinstance(m, trimesh.Trimesh) or len(m.faces) == 0:
+        if len(m.faces) == 0:
             raise InputError(f"scene: {label}: {file} holds no triangles.")
         return m
     if not isinstance(data, dict) or data.get("shape") not in tuple(SHAPES):
@@ -205,15 +210,31 @@ def _creased(built):
     return replace(built, mesh=split, temperature_k=built.temperature_k[vertex])
 
 
-def _read_mesh(file):
-    """A mesh file's vertices as the file has them, so that per-vertex temperatures fit; an STL,
-    which has none of its own, gets one for all corners in a place."""
-    if file.suffix.lower() == ".obj":
-        return _read_obj(file)
-    # fix_texture: one of a PLY would order and split vertices by their seams
-    m = trimesh.load(file, force="mesh", process=False, fix_texture=False)
-    if file.suffix.lower() == ".stl":
-        m.merge_vertices()
+def _read_ply(file):
+    """A PLY's vertices as the file has them, so that per-vertex temperatures fit."""
+    raw = file.read_bytes()
+    # fix_texture: it would order and split vertices by their seams
+    return _by_trimesh(raw, max(0, raw.find(b"end_header")), "ply", fix_texture=False)
+
+
+def _read_stl(file):
+    """An STL, which has no vertices of its own, with one for all corners in a place."""
+    raw = file.read_bytes()
+    binary = len(raw) >= 84 and len(raw) == 84 + 50 * int.from_bytes(raw[80:84], "little")
+    m = _by_trimesh(raw, 0 if binary else len(raw), "stl")
+    m.merge_vertices()
+    return m
+
+
+def _by_trimesh(raw, text, kind, **how):
+    """A mesh of bytes, of which so many at first are text in any encoding."""
+    stream = BytesIO(raw[:text].translate(ASCII_ALONE) + raw[text:])
+    try:
+        m = trimesh.load(stream, kind, force="mesh", process=False, **how)
+    except Exception as e:  # trimesh's readers raise whatever they stumble over
+        raise ValueError(f"is it a whole {kind.upper()}?") from e
+    if not isinstance(m, trimesh.Trimesh):
+        raise ValueError("it holds no mesh")
     return m
 
 
@@ -229,6 +250,8 @@ def _read_obj(file):
             if len(words) < 3:
                 raise ValueError(f"{line.strip()!r} is no vertex")
             vertices.append([float(word) for word in words[:3]])
+            if not np.isfinite(vertices[-1]).all():
+                raise ValueError(f"{line.strip()!r} is no vertex")
         elif key == "f":
             corners = [int(word.partition("/")[0]) for word in words]
             corners = [i - 1 if i > 0 else len(vertices) + i if i < 0 else -1 for i in corners]
@@ -263,6 +286,9 @@ def _fans(vertices, corners):
         named = " ".join(str(i + 1) for i in left[0])
         raise ValueError(f"the face of vertices {named} is no fan of triangles: export triangles")
     return np.concatenate(fans)
+
+
+READERS = {"obj": _read_obj, "ply": _read_ply, "stl": _read_stl}
 
 
 class _Noise(NamedTuple):

@@ -29,7 +29,7 @@ from .cube_io import read_cube, some_arrays, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
-from .raw_cube import UNITS, RawCube, heat_cube, part_of
+from .raw_cube import UNITS, RawCube, heat_cube, part_of, unit_of
 from .wavelengths import PER_UM
 
 HEAT_CUBE = "heat cube"
@@ -50,7 +50,7 @@ def import_cube(
 ):  # fmt: skip
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
-    unit             of its radiance, a key of `raw_cube.UNITS`; where the file leaves it open
+    unit             of its radiance, one of `raw_cube.UNITS`; where the file leaves it open
     wavelengths_um, wavenumbers_cm1
                      of the first and the last band, equidistant; one of them, where the file
                      does not say where its bands lie
@@ -70,8 +70,8 @@ def import_cube(
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
         raise InputError(f"cube: {path} {what}; give a file.")
-    if unit is not None and unit not in UNITS:
-        raise InputError(f"cube: {unit!r} is no unit that is known; use {', '.join(UNITS)}.")
+    if unit is not None and (unit := unit_of(str(said := unit))) is None:
+        raise InputError(f"cube: {said!r} is no unit that is known; use {', '.join(UNITS)}.")
     wavelengths_um = _pair(wavelengths_um, "wavelengths_um")
     wavenumbers_cm1 = _pair(wavenumbers_cm1, "wavenumbers_cm1")
     range_um = _pair(range_um, "range_um")
@@ -191,8 +191,14 @@ def _read_mat(path):
     except InputError as e:
         raise InputError(f"cube: {e}") from e
     arrays = {key: value for key, value in held.items() if isinstance(value, np.ndarray)}
-    hadar = _first(HADAR, arrays)
-    if hadar is None or (_first(CUBE, arrays) and _first(WAVELENGTH, arrays)):
+    hadar, whole = _first(HADAR, arrays), _first(CUBE, arrays) and _first(WAVELENGTH, arrays)
+    other = [key for key in (*HADAR, *CUBE, *WAVELENGTH) if key in held and key not in arrays]
+    if other and not (hadar or whole):
+        raise InputError(
+            f"cube: {other[0]} in {path} must be an array of real numbers, not complex, sparse or "
+            "a struct."
+        )
+    if hadar is None or whole:
         return _tex1500(path, held, arrays, arrays.get)
     if arrays[hadar].ndim != 3:
         raise InputError(

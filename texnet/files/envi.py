@@ -24,7 +24,7 @@ import numpy as np
 
 from physics.errors import InputError
 
-from .raw_cube import UNITS, RawCube, is_ignored
+from .raw_cube import RawCube, is_ignored, unit_of
 
 DTYPES = {
     1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8",
@@ -79,22 +79,10 @@ def read_envi(path):
     bbl, ignore = header.numbers("bbl", bands), header.ignored()
     said = next((header.word(key) for key in UNIT_KEYS if key in header.fields), "")
     return RawCube(
-        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, _unit(said), gain,
+        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, unit_of(said), gain,
         offset, good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint,
         words=(*words, *scaled), unit_said=said[:60],
     )  # fmt: skip
-
-
-def _unit(said):
-    """The key of UNITS that a header's word for it means, such as uW/(cm^2*sr*nm); else None."""
-    plain = said.lower().strip("{} ").translate({0xB5: "u", 0x3BC: "u"})
-    # as in m^-2 sr^-1, but no cm^-1: that is a wavenumber
-    plain = re.sub(r"[\s*.]+(m|cm)\^?-2\b", r"/\g<1>2", plain)
-    plain = re.sub(r"[\s*.]+(sr|um|nm)\^?-1\b", r"/\1", plain)
-    plain = re.sub(r"[\s^]", "", plain)
-    plain = re.sub(r"/\(([^()]*)\)", lambda below: "/" + below[1].replace("*", "/"), plain)
-    plain = re.sub("[()]", "", plain)
-    return next((u for u in UNITS if plain in (u.lower(), f"{u.lower()}s")), None)
 
 
 class Spectra(NamedTuple):

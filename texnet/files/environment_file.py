@@ -33,6 +33,8 @@ def read_environment(path, cube):
     Raises InputError where it is no such table, leaves bands open or is no radiance.
     """
     names, w, spectra, _ = read_table(path, "environment", "object")
+    if twice := [name for i, name in enumerate(names) if name in names[:i]]:
+        raise InputError(f"environment: {path} has two columns {twice[0]!r}; rename one.")
     w, bands = check_wavelength(w, "environment"), cube.wavelength_um
     # of a single band, all rows within it
     beside = SAME_UM if cube.bands > 1 else max(SAME_UM, cube.fwhm_um[0] / 2)

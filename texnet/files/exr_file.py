@@ -23,4 +23,4 @@ def write_exr(header, channels, path):
         with OpenEXR.File(header, channels) as file:
             file.write(str(path))
     except RuntimeError as e:
-        raise OSError(str(e)) from e
+        raise OSError(str(e).rpartition('". ')[2]) from e

@@ -285,8 +285,12 @@ def _read_envi(path):
 # --- ECOSTRESS / ASTER text --------------------------------------------------------------
 
 
-class NotThermal(InputError):
-    """A spectrum of another part of the spectrum, or none."""
+class Other(InputError):
+    """A file without what lacks says, as is usual beside others."""
+
+    def __init__(self, message, lacks=f"spectrum of {TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um"):
+        super().__init__(message)
+        self.lacks = lacks
 
 
 def _read_texts(path):
@@ -298,21 +302,21 @@ def _read_texts(path):
             raise InputError(f"library: the folder {path} holds no spectrum .txt file.")
     else:
         files = [path]
-    spectra, refused, elsewhere = [], {}, {}
+    spectra, refused, others = [], {}, {}
     for file in files:
         try:
             spectra.append(_read_text(file))
-        except NotThermal as e:  # usual beside others
-            elsewhere[file.name] = str(e)
+        except Other as e:
+            others[file.name] = e
         except InputError as e:
             refused[file.name] = str(e)
     if not spectra:
-        refused |= elsewhere
+        refused |= {name: str(e) for name, e in others.items()}
     if refused:
-        first, *others = refused
-        rest = f"; refused as well: {', '.join(others)}." if others else "."
+        first, *more = refused
+        rest = f"; refused as well: {', '.join(more)}." if more else "."
         raise InputError(refused[first].removesuffix(".") + rest)
-    files = [file for file in files if file.name not in elsewhere]
+    files = [file for file in files if file.name not in others]
     low = max(w[0] for _, w, _, _ in spectra)
     high = min(w[-1] for _, w, _, _ in spectra)
     if low >= high:
@@ -337,9 +341,9 @@ def _read_texts(path):
         f"files' grids in their common range within {TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um",
     ]
     skipped = sum(n for _, _, _, n in spectra)
-    if elsewhere:
-        there = f"{TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um"
-        words.append(f"no spectrum of {there} in {', '.join(elsewhere)}: left out")
+    for lacks in dict.fromkeys(e.lacks for e in others.values()):
+        names_of = [name for name, e in others.items() if e.lacks == lacks]
+        words.append(f"no {lacks} in {', '.join(names_of)}: left out")
     if skipped:
         words.append(f"{skipped} rows skipped that are no two positive numbers")
     return names, grid, e, sources, words
@@ -362,7 +366,7 @@ def _read_text(path):
     for _, match in matches:
         header.setdefault(" ".join(match[1].lower().split()), match[2].strip())
     if not pairs:  # damaged, or about something else
-        raise (InputError if "x units" in header else NotThermal)(
+        raise (InputError if "x units" in header else Other)(
             f"library: {path.name} holds no spectrum; leave this file out."
         )
     if not matches:
@@ -389,16 +393,17 @@ def _read_text(path):
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
         covers = f"covers {w[0]:g}-{w[-1]:g} um" if w.size else "holds no spectrum"
-        raise (NotThermal if w.size else InputError)(
+        raise (Other if w.size else InputError)(
             f"library: {path.name} {covers}, with no two rows in {low:g}-{high:g} um; "
             "leave this file out."
         )
     if re.search("hemispherical.*reflectance", measured, re.I) is None or re.search(
         f"{BIDIRECTIONAL.pattern}|transmi", measured + y_units, re.I
     ):
-        raise InputError(
+        raise Other(
             f"library: {path.name} holds {measured!r} in {y_units!r}, but emissivity follows only "
-            "from hemispherical reflectance; leave this file out."
+            "from hemispherical reflectance; leave this file out.",
+            "hemispherical reflectance",
         )
     if re.search("percent|%", y_units, re.I):
         scale = 0.01

@@ -11,6 +11,7 @@ a wrong unit shows; and in most pixels of a scene bands hardly differ in it, so 
 order show, too.
 """
 
+import re
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -38,6 +39,7 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "mW/m2/sr/cm-1": (1e-3, True),
     "W/cm2/sr/cm-1": (1e4, True),
 }
+WRITTEN = str.maketrans("\u00b5\u03bc\u207b\u00b9\u00b2", "uu-12")  # two kinds of mu, powers
 OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
@@ -49,6 +51,18 @@ PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 # of a float that no scene shows, a header may write a few digits alone
 UNREAL, AS_TEXT = 1e6, 1e-5
+
+
+def unit_of(said):
+    """The key of UNITS that a word for it means, such as uW/(cm^2*sr*nm); else None."""
+    plain = said.lower().strip("{} ").translate(WRITTEN)
+    plain = re.sub(r"watts?", "w", re.sub(r"microns?|micrometers?", "um", plain))
+    # as in m^-2 sr^-1, but no cm^-1: that is a wavenumber
+    plain = re.sub(r"[\s*.]+(m|cm)\^?-2\b", r"/\g<1>2", plain)
+    plain = re.sub(r"[\s*.]+(sr|um|nm)\^?-1\b", r"/\1", plain)
+    plain = re.sub(r"/\(([^()]*)\)", lambda below: "/" + re.sub(r"[\s*]+", "/", below[1]), plain)
+    plain = re.sub(r"[\s^()]", "", plain)
+    return next((u for u in UNITS if plain in (u.lower(), f"{u.lower()}s")), None)
 
 
 class RawCube(NamedTuple):
@@ -115,7 +129,8 @@ def part_of(raw, rows=None, columns=None, range_um=None):
                 f"cube: no good band lies within {range_um[0]:g}-{range_um[1]:g} um; they lie at "
                 f"{w[good].min():.4g}-{w[good].max():.4g} um."
             )
-        words.append(f"{wanted.sum()} bands within {range_um[0]:g}-{range_um[1]:g} um")
+        n = int(np.count_nonzero(wanted))
+        words.append(f"{n} band{'s' * (n > 1)} within {range_um[0]:g}-{range_um[1]:g} um")
         raw = raw._replace(wanted=wanted)
     return raw._replace(words=(*raw.words, *words))
 

@@ -58,7 +58,7 @@ def read_table(path, what, column):
     table = np.array(values).T
     order, w, moved = ascending(table[0], AXES[axis], what)
     words = [
-        f"table with {axis}, {len(names)} {column}s",
+        f"table with {axis}, {len(names)} {column}{'s' * (len(names) > 1)}",
         f"{w.size} rows became {w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
     return names, w, table[1:, order], words
