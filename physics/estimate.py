@@ -77,6 +77,9 @@ ASSUMED = (
     (0.0, 1.0, 0.6), (-15.0, 1.0, 0.6), (10.0, 1.0, 0.6), (0.0, 0.4, 0.6), (0.0, 2.0, 0.6),
     (0.0, 1.0, 1.0), (0.0, 1.0, 0.3),
 )  # fmt: skip
+# of the upper half of the sky in view: what lies lower may be a roof, in which a clearer sky is
+# mirrored than any in view
+CLEAREST = 0.1
 ERROR_K, ASSUMED_ERROR_K = 0.3, 0.5  # of X beyond all that, and under a sky that is assumed
 BESIDE_SKY = 2  # objects, at least, where the sky was measured
 ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them alone
@@ -199,9 +202,10 @@ class Sample:
         """The sky's objects among k and their deviations, (n, bands) each, from the sky in view;
         and the objects within each band."""
         cube, w = self.cube, self.cube.wavelength_um
-        visible = self.spectra[self.inner] * cube.sigma
-        cold = self.spectra[self.inner].mean(axis=1)
-        seen = visible[cold <= np.quantile(cold, 0.05)].mean(axis=0)
+        row = self.row[self.inner]
+        inner = self.spectra[self.inner][row <= np.median(row)]
+        visible, cold = inner * cube.sigma, inner.mean(axis=1)
+        seen = visible[cold <= np.quantile(cold, CLEAREST)].mean(axis=0)
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
         air = air_temperature(w, cube.fwhm_um, visible, seen, scene_k)
         shares = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]

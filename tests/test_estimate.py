@@ -1,5 +1,6 @@
 """The environment from path-traced cubes, whose light no k objects made; and distillation."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from physics.estimate import Sample, _principal, completed, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck
+from physics.simulator import simulate
+from physics.simulator.scene_file import load_scene
 from physics.sky import Atmosphere, sky_radiance
 from texnet.pipeline import decompose
 
@@ -224,6 +227,26 @@ def test_what_mirrors_the_sky_below_is_no_sky():
         HeatCube(upside_down, cube.wavelength_um, cube.fwhm_um, cube.netd_k), LIBRARY
     )
     assert e.sky == () and e.sky_mean is None
+
+
+@pytest.mark.parametrize("mirror", [0, 0.5, 1])
+def test_a_clearer_sky_that_metal_mirrors_is_not_in_view(tmp_path, mirror):
+    """Though it lies in the upper half of the picture."""
+    plain = lambda shape, material, kelvin, **more: dict(
+        mesh=shape, material=material, temperature_k=kelvin, **more
+    )
+    ground = plain({"shape": "plane", "size": [1e4, 1e4]}, "soil", 287)
+    rock = plain({"shape": "box", "size": [2, 2, 2]}, "granite", 290, translate=[-3, 0, 1])
+    ball = plain({"shape": "sphere", "radius": 1}, "aluminium", 290, translate=[3, 0, 1])
+    w, fwhm = equidistant_bands(20)
+    skies = []
+    for objects in ([ground, rock], [ground, rock, ball | {"mirror": mirror}]):
+        camera = dict(position=[0, -20, 3], target=[0, 0, 1], fov_deg=30)
+        file = tmp_path / "scene.json"
+        file.write_text(json.dumps({"camera": camera, "atmosphere": {}, "objects": objects}))
+        cube, _ = simulate(load_scene(file), wavelength_um=w, fwhm_um=fwhm, size=(48, 64), spp=16)
+        skies.append(brightness_temperature(w, estimate_environment(cube, LIBRARY, 5).radiance[:3]))
+    np.testing.assert_allclose(*skies, atol=0.3)
 
 
 @pytest.mark.parametrize("air_k, water_cm", [(265.0, 0.35), (283.0, 1.0)])
