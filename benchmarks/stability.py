@@ -235,19 +235,21 @@ def twin_materials(view, library, percent):
 
 
 def mixed_pixels(view, library, n):
-    """n x n pixels become one."""
+    """n x n pixels become one, whose truth is that of the material of most of them."""
     cube, truth = shaded(view, library, netd_k=0)
     h, w = (m // n for m in cube.shape)
     cut = lambda a: a[..., : h * n, : w * n].reshape(*a.shape[:-2], h, n, w, n)
-    mean = lambda a: cut(a).mean(axis=(-3, -1))
+    mean = lambda a, weight=1.0: (weight * cut(a)).mean(axis=(-3, -1))
     rng = np.random.default_rng(view.draw)
     s = add_noise(mean(cube.radiance), cube.wavelength_um, NETD_K, rng)
     each = cut(truth.material).transpose(0, 2, 1, 3).reshape(h, w, -1)
-    most = [[np.bincount(p).argmax() for p in row] for row in each]
+    most = np.array([[np.bincount(p).argmax() for p in row] for row in each])
+    own = (cut(truth.material) == most[:, None, :, None]).astype(np.float32)
+    own /= own.mean(axis=(-3, -1), keepdims=True)
     names = "temperature_k", "emissivity", "texture", "sky_view", "sky_texture"
     truth = replace(
-        truth, **{name: mean(getattr(truth, name)) for name in names},
-        material=np.array(most, truth.material.dtype),
+        truth, **{name: mean(getattr(truth, name), own) for name in names},
+        material=most.astype(truth.material.dtype),
         visible=mean(np.moveaxis(truth.visible, -1, 0)).transpose(1, 2, 0),
     )  # fmt: skip
     return Case(HeatCube(s, cube.wavelength_um, cube.fwhm_um, NETD_K), truth, library)
@@ -360,7 +362,11 @@ def air_between(view, library, metres):
     ))  # fmt: skip
     steps = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 91)])
     t = np.append([through(m) for m in steps], np.zeros((1, cube.bands)), axis=0)  # infinitely far
-    t = t[np.searchsorted(steps, distance)].mean(axis=-2).transpose(2, 0, 1)
+    at = np.interp(distance, steps, np.arange(len(steps)))
+    at[np.isinf(distance)] = len(steps)
+    low, high = np.floor(at).astype(int), np.ceil(at).astype(int)
+    beyond = (at - low)[..., None]
+    t = ((1 - beyond) * t[low] + beyond * t[high]).mean(axis=-2).transpose(2, 0, 1)
     sky = np.isinf(distance).mean(axis=-1)
     # a pixel is sky, which all of the air before it is part of already, and ground behind some air
     s, w = cube.radiance.astype(np.float64), cube.wavelength_um
