@@ -13,8 +13,9 @@
    the median of its most open pixels, where 1 - e is longest.
 3. Materials. With those curves as a library Eq. 6 is solved exactly (`exact.local`): each pixel's
    likeliest curve, T and V. As long as fewer than SHARE of the pixels lose NATS by a curve's
-   absence, the one that is missed least is dropped. Then every curve is solved for in turn, by
-   least squares over its pixels with a penalty on second differences. ROUNDS of that.
+   absence, the one that is missed least is dropped, at last with all others solved for anew. Then
+   every curve is solved for in turn, by least squares over its pixels with a penalty on second
+   differences. ROUNDS of that.
 
 The sky's curve is 1 - transmittance of the clearest sky in view, brought to the zenith by the
 air mass at which it is nearest to the starter library's (its ozone comes out too clear: that is
@@ -228,7 +229,21 @@ def _without_the_missed_least(scene, curves, materials):
         if materials is None and missed.min() > SHARE:
             break
         del kept[int(missed.argmin())]
-    return curves[np.array(kept) - 1]
+    curves = curves[np.array(kept) - 1]
+    return curves if materials is not None else _without_the_replaced(scene, curves)
+
+
+def _without_the_replaced(scene, curves):
+    """The curves less those without which the others, solved for anew, fit as well."""
+    energy = scene.solve(curves)[1].energy
+    while len(curves) > 1:
+        least = _missed(energy, range(1, len(curves) + 1)).argmin()
+        fewer = _solved_for(scene, np.delete(curves, least, axis=0))
+        anew = scene.solve(fewer)[1].energy
+        if np.mean(anew.min(axis=1) - energy.min(axis=1) > NATS) > SHARE:
+            break
+        curves, energy = fewer, anew
+    return curves
 
 
 def _solved_for(scene, curves):

@@ -2,8 +2,9 @@
 
 Paths hold no wavelength (`trace`), so the costly part, geometry and rays, is done once, and
 a second library or camera costs only its shading. The roulette that ended the paths is kept
-with them and divides out, so the curves of another library are shaded without bias; where
-they reflect more than those traced with, single paths weigh more and noise grows.
+with them and divides out, so the curves of another library are shaded without bias. Where
+they reflect more than those traced with, single paths weigh more and noise grows, between
+surfaces of (1 - e)^2 > q beyond all bounds: such a scene is to be traced anew.
 
 Pixels are worked off in blocks, one per core at a time. A block's random numbers depend on
 the seed and the block alone, so the result does not depend on how threads are timed.

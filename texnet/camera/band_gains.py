@@ -20,6 +20,7 @@ import numpy as np
 
 from physics.bands import quadrature
 from physics.eq1 import heat_signal
+from physics.planck import planck
 
 from .correction import DARKEST, Calibration, corrected, corrected_environment
 
@@ -60,6 +61,13 @@ def band_gains(cube, environment, solve, library, quartile):
         noise = min(noise, TIMES[at] * max(least, 1.0))
     gains = tuple(np.exp(kept).tolist())
     return Calibration(bands=gains) if len(more) >= LEAST_KINDS else None
+
+
+def in_noise(found, cube):
+    """How far a Calibration's gains of bands move the glow of 300 K, rms over the bands of a
+    HeatCube, in noise units."""
+    glow = planck(cube.wavelength_um, 300.0) / cube.sigma
+    return float(np.sqrt(np.mean((np.log(found.bands) * glow) ** 2)))
 
 
 def _more(cube, library, maps):
