@@ -131,8 +131,11 @@ def test_the_noise_goes_down_to_what_is_stated():
 def test_gains_do_not_run_away():
     cube, maps = scene(3, GROUND)
     maps["texture"] = maps["texture"] * np.linspace(0.1, 60, 20)[:, None, None]
-    log_gain = np.log(found(cube, maps, 0.9 ** np.arange(30)))
+    much = 10 * 0.9 ** np.arange(30)
+    log_gain = np.log(found(cube, maps, much))
     assert np.abs(log_gain).max() == pytest.approx(0.15, abs=1e-6)
+    # as much as that cannot be wrong where little is left
+    assert gains_of(cube, maps, 0.1 * much) is None
 
 
 def test_a_step_that_leaves_more_is_taken_back():

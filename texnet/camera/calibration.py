@@ -15,11 +15,10 @@ to make up for, and their evidence loses. So the noise is first taken to be FIRS
 stated (of few bands MORE times: at so much noise they tell no materials), and then MORE times what
 is left even of the pixels that fit best, until that does not change (`_left`). If it is the noise
 that was stated, all is well. If not, it may be the bands among each other, if with gains of their
-own (`band_gains`), of about the size of what is left without them, nothing else is. Else it is the
-library's curves, or k is too small: MORE times what is left (MORE_OF_FEW, of few bands) is taken
-for noise, by and by from where it just fits, because what is wrong is so in many bands and pixels
-alike and misleads more than noise; and T, to which all bands add up, may be off by SHARED times as
-much in all pixels alike.
+own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
+times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just
+fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
+T, to which all bands add up, may be off by SHARED times as much in all pixels alike.
 
 Where no sky is in view, all this but wavelengths and the air is looked at without a sky, and
 whether pixels are likelier with one that is assumed (`sky_is_likelier`) before it is looked at with
@@ -51,7 +50,7 @@ from physics.planck import brightness_temperature
 from ..glance import LEAST_MATERIALS
 from ..methods import Look
 from .air_between import air_between
-from .band_gains import FIRST, band_gains, in_noise
+from .band_gains import FIRST, band_gains
 from .correction import RIGHT, Calibration, Distances, corrected, corrected_environment, lifted_nats
 from .distances import far, likeliest_octaves
 from .nats import Nats
@@ -70,9 +69,6 @@ RISE = 0.1  # more than that, and it is not right
 # used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
-# gains of bands over what a fit without leaves, at most: on 25 scenes used for tuning, 12 to 54
-# bands, right ones were 1.1 to 2.7 times that, those that made things worse 1.8 to 30 times
-GAINS_OVER = 2.5
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
@@ -107,9 +103,8 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
     fit = _that_fits(scene, nats_of, camera, sky)
     if fit.left > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
-        if evened is not None and in_noise(evened, part) <= GAINS_OVER * fit.left:
-            if 0 < (left := scene.left(evened)) <= _just(cube):
-                fit = fit._replace(found=evened, left=left, unfit=())
+        if evened is not None and 0 < (left := scene.left(evened)) <= _just(cube):
+            fit = fit._replace(found=evened, left=left, unfit=())
     suspected_k = _suspected_k(scene, nats_of, fit.found, [*suspected, *fit.unfit], fit.noise)
     return _with_noise(fit.found._replace(suspected_k=suspected_k), fit.left, cube)
 
