@@ -3,7 +3,8 @@
 A hypothesis is one of `prior.Mixtures`: a material, pure or partly sky. Let T and V of Eq. 1 have
 Gaussian priors instead of bounds, and write B(T) as a series in Hermite polynomials of
 t = (T - T_0) / tau, whose coefficients are uncorrelated with unit variance when t is a standard
-normal number. The spectrum of a pixel of hypothesis h is then Gaussian too. In noise units,
+normal number. Each is taken for free by itself, which makes all hypotheses less likely, by nearly
+as much; the spectrum of a pixel of hypothesis h is then Gaussian too. In noise units,
 
     s ~ N(mu_h, C_h),     C_h = 1 + diag(g_h^2 error^2) + F_h' F_h
 
