@@ -32,7 +32,7 @@ import pytorch_lightning as lightning
 
 from benchmarks import SHIPPED
 from benchmarks.accuracy import NETD_K, K
-from benchmarks.rows import write_csv
+from benchmarks.rows import settings, write_csv
 from physics import starter
 from physics.bands import equidistant_bands
 from physics.errors import InputError
@@ -193,7 +193,7 @@ def _seconds_per_scene(library):
 
 
 def run(part, args, library):
-    """Make a part's network and measure it; keep both in args.out."""
+    """Make a part's network and measure it; keep both in args.out, and by what they were made."""
     with progress_bar() as report:
         network, scenes, draws, minutes = _network(part, args, library, report)
         test = ReshadedSet(args.cache, "test", args.test_scenes, library)
@@ -209,14 +209,18 @@ def run(part, args, library):
         for method in NETS
     ]  # fmt: skip
     with whole_file(args.out / f"{part}.json") as path:
-        path.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+        made = {"made": settings(args.model), "rows": rows}
+        path.write_text(json.dumps(made, indent=1), encoding="utf-8")
 
 
-def table(out):
-    """Write finetune.csv of all parts that are done, and return it as text."""
-    done = [out / f"{p}.json" for p in PARTS if (out / f"{p}.json").exists()]
-    rows = [row for path in done for row in json.loads(path.read_text(encoding="utf-8"))]
-    write_csv(out / "finetune.csv", rows)
+def table(out, model):
+    """Write finetune.csv of all parts that this code made of a model, and return it as text."""
+    paths = {p: out / f"{p}.json" for p in PARTS}
+    done = {p: json.loads(f.read_text("utf-8")) for p, f in paths.items() if f.exists()}
+    made = settings(model)
+    others = [p for p, of in done.items() if of["made"] != made]
+    rows = [row for of in done.values() if of["made"] == made for row in of["rows"]]
+    write_csv(out / "finetune.csv", rows, made)
     lines = [f"{'part':10s} method   accuracy  entropy  T rmse K  texture r  draws  minutes"]
     for r in rows:
         minutes = f"{r['minutes_scenes']:.1f} + {r['minutes_training']:.1f}"
@@ -225,6 +229,8 @@ def table(out):
             f"  {r['cross_entropy']:7.3f}  {r['temperature_rmse_k']:8.3f}"
             f"  {r['texture_correlation']:9.3f}  {r['draws']:5d}  {minutes}"
         )
+    if others:
+        lines.append(f"left out, of other code or another model: {', '.join(others)}")
     return "\n".join(lines)
 
 
@@ -251,7 +257,7 @@ def main(argv=None):
     except KeyboardInterrupt:
         print("finetune: stopped; the same command goes on.", file=sys.stderr)
         return 130
-    print(table(args.out))
+    print(table(args.out, args.model))
     return 0
 
 

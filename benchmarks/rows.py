@@ -16,13 +16,13 @@ _ROOT = Path(__file__).parents[1]
 CODE = [_ROOT / name for name in ("physics", "texnet", "training", "export", "benchmarks")]
 DATA = [ONNX, SHIPPED / WEIGHTS, *sorted((_ROOT / "physics" / "data").iterdir())]
 
+PACKAGES = "numpy", "torch", "onnxruntime", "numba", "scipy", "scikit-learn", "embreex", "trimesh"
 SETTINGS = "settings"  # the column
 
 
 def settings(*networks):
     """What tells measurements apart: code, shipped data, packages, this machine, other networks."""
-    packages = {n: version(n) for n in ("numpy", "torch", "onnxruntime", "numba", "scipy")}
-    machine = [packages, platform.machine(), os.cpu_count()]
+    machine = [{name: version(name) for name in PACKAGES}, platform.machine(), os.cpu_count()]
     return "of " + provenance(machine, [*CODE, *DATA, *networks])  # never to be read as a number
 
 

@@ -21,9 +21,10 @@ repeated as stands in a row:
                           training (64 x 64 pixels; extra `train`) there and on the CPU
 
 then the simulator (rays a second, traced and shaded, against bare Embree on the same rays),
-start-up times and peak memory of whole commands, and `growth`: time against pixels, bands,
-materials and k, of the simulator against pixels, bands and paths per pixel, with exponents
-fitted to log time (growth.png). Writes speed.json. --large adds a cube of 4096 x 4096 pixels to
+start-up times and peak memory of whole commands (median and most of three runs; of a frame and more
+of one), and `growth`: time against pixels, bands, materials and k, of the simulator against pixels,
+bands and paths per pixel, each of one run after one that does not count, with exponents fitted to
+log time (growth.png). Writes speed.json. --large adds a cube of 4096 x 4096 pixels to
 the commands, which takes 20 GB of disk.
 """
 
@@ -51,6 +52,7 @@ from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
+from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
@@ -86,7 +88,7 @@ SIMULATED_GROWTH = {
     "paths": (4, 16, 64),  # per pixel
 }
 GROWTH_SIDE, SIMULATED_SIDE = 384, 256  # pixels, where it is not they that grow
-LARGE = (4096, 4096)
+SMALL, LARGE = (256, 256), (4096, 4096)
 
 
 def frame(traced, library, bands=BANDS, size=FRAME):
@@ -330,8 +332,8 @@ class _Timed:
 
 def commands(traced, library, large):
     """Seconds and peak memory of whole commands, each in a process of its own."""
-    rows = [_command("texnet --help", ["--help"])]
-    sizes = [(256, 256), FRAME, *([LARGE] if large else [])]
+    rows = [_command("texnet --help", ["--help"], REPEATS)]
+    sizes = [SMALL, FRAME, *([LARGE] if large else [])]
     with tempfile.TemporaryDirectory() as folder:
         from texnet.files.cube_io import write_cube
 
@@ -343,22 +345,34 @@ def commands(traced, library, large):
             row = _command(
                 f"texnet decompose, {size[0]} x {size[1]} x {BANDS}",
                 ["decompose", str(path), "--out", str(Path(folder) / "out"), "--k", str(K)],
+                REPEATS if size == SMALL else 1,
             )
             rows.append(row | {"peak_over_cube": row["peak_bytes"] / cube_bytes})
     return rows
 
 
-def _command(what, words):
+def _command(what, words, repeats):
+    """A row: the median time and the peak memory of some runs; InputError if one fails."""
     code = f"import sys; from texnet.cli import main; sys.exit(main({words!r}))"
     probe = (
         "import resource, subprocess, sys, time; t = time.perf_counter();"
         "subprocess.run([sys.executable, '-c', sys.argv[1]], check=True, stdout=2);"
         "print(time.perf_counter() - t, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
-    out = subprocess.run(
-        [sys.executable, "-c", probe, code], check=True, capture_output=True, text=True
-    ).stdout.split()
-    return {"what": what, "seconds": float(out[0]), "peak_bytes": 1024 * int(out[1])}
+    seconds, peaks = [], []
+    for _ in range(repeats):
+        done = subprocess.run([sys.executable, "-c", probe, code], capture_output=True, text=True)
+        if done.returncode:
+            said = [line for line in done.stderr.splitlines() if line.startswith("texnet: error: ")]
+            why = said[-1].removeprefix("texnet: error: ") if said else "it was killed."
+            raise InputError(f"speed: {what}: {why}")
+        took, peak = done.stdout.split()
+        seconds.append(float(took))
+        peaks.append(1024 * int(peak))
+    return {
+        "what": what, "repeats": repeats, "seconds": np.median(seconds), "least": min(seconds),
+        "most": max(seconds), "peak_bytes": max(peaks),
+    }  # fmt: skip
 
 
 def growth(traced, library, run):

@@ -312,7 +312,8 @@ def noisy_bands(view, library, n):
     """n bands have ten times the noise that is stated."""
     cube, truth = shaded(view, library)
     s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
-    s[which] = add_noise(s[which], cube.wavelength_um[which], 0.5, np.random.default_rng(4))
+    rng = np.random.default_rng([4, view.draw])
+    s[which] = add_noise(s[which], cube.wavelength_um[which], 0.5, rng)
     return Case(changed(cube, s), truth, library)
 
 

@@ -1,12 +1,15 @@
 """The `texnet bench` commands: what they take, and what they refuse before the work."""
 
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import lowtran7, speed, stability
+from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
 from physics.simulator import trace_scene
@@ -48,6 +51,8 @@ def test_stability_measures_the_axes_that_are_named(tmp_path, capfd, monkeypatch
     monkeypatch.setattr(stability, "measured", rows)
     words = ["bench", "stability", "--axes", "noise", "gain off", "--out", str(tmp_path)]
     assert main(words) == 0 and done == {"noise", "gain off"}
+    said = capfd.readouterr().out.rpartition(f"{tmp_path}: ")[2].rstrip(".\n").split(", ")
+    assert sorted(said) == sorted(path.name for path in tmp_path.iterdir())
     assert main([*words[:3], "nonsense", "--out", str(tmp_path)]) == 2
     assert "no axis 'nonsense' among" in capfd.readouterr().err
 
@@ -57,6 +62,21 @@ def test_stability_measures_the_axes_that_are_named(tmp_path, capfd, monkeypatch
 )
 def test_every_benchmark_finds_what_it_imports(name):
     assert import_module(f"benchmarks.{name}").__doc__
+
+
+def test_a_command_that_fails_says_why(tmp_path):
+    row = speed._command("help", ["--help"], 2)
+    assert row["repeats"] == 2 and 0 < row["least"] <= row["seconds"] <= row["most"]
+    words = ["decompose", str(tmp_path / "none.npz"), "--out", str(tmp_path / "out")]
+    with pytest.raises(InputError, match=f"^speed: a night: .*{tmp_path / 'none.npz'}"):
+        speed._command("a night", words, 1)
+
+
+def test_noisy_bands_are_noisy_anew_in_each_draw():
+    view = stability.View("forest", 7)
+    s = [stability.noisy_bands(replace(view, draw=d), LIBRARY, 5).cube for d in (0, 1)]
+    moved = (s[1].radiance - s[0].radiance).std(axis=(1, 2)) / np.sqrt(2) / s[0].sigma
+    assert np.sort(moved) == pytest.approx([1] * (len(moved) - 5) + [10] * 5, rel=0.1)
 
 
 def test_exponents_are_those_of_power_laws():

@@ -224,7 +224,7 @@ def test_a_checkpoint_on_a_full_disk_is_an_oserror(tmp_path):
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
-        with pytest.raises(OSError):
+        with pytest.raises(OSError, match="last.ckpt"):
             WholeCheckpoints().save_checkpoint({"w": torch.zeros(20_000)}, tmp_path / "last.ckpt")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -309,6 +309,28 @@ def test_what_validates_is_not_what_trains(cache, cube, monkeypatch):
     held_out, draws, _ = seen
     for i in range(6):
         assert not torch.equal(held_out[i][0].radiance, draws[i][0].radiance)
+
+
+@pytest.mark.parametrize("of", [12, 1])
+def test_all_that_is_held_out_is_measured(cache, cube, monkeypatch, of):
+    monkeypatch.setattr(module, "HELD_OUT", 3)
+    seen = set()
+
+    class Seen:
+        def measures(self, sample, _):
+            seen.add(sample.radiance.sum().item())
+            return {"eq1": 0.0}
+
+    bands = cube.wavelength_um, cube.fwhm_um
+    bright = [HeatCube(cube.radiance * (1 + i / 99), *bands, 0.05) for i in range(of)]
+    module._measure(Seen(), Crops(bright, [False] * of, with_sky(NEW), 0, 64))
+    assert len(seen) == of
+    seen.clear()
+    measure = module._measure
+    monkeypatch.setattr(module, "_measure", lambda _, draws: measure(Seen(), draws))
+    monkeypatch.setattr(module, "fit", lambda *_, **__: None)
+    finetune(network(), NEW, cache, scenes=1, epochs=1)
+    assert len(seen) == 3
 
 
 @pytest.mark.parametrize("what", ["checkpoint", "scene"])

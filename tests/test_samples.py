@@ -212,6 +212,8 @@ def test_a_glance_lies_where_the_sample_lies(monkeypatch):
         return look
 
     monkeypatch.setattr(samples, "TeXModel", by_brightness)
+    for seed in range(8):  # some of them are turned
+        assert len(expected_by(None, draw(slope, np.random.default_rng(seed), side=1))) > 1
     for seed in range(40):
         sample = draw(slope, np.random.default_rng([3, seed]), side=14)
         nats = expected_by(None, sample).reshape(-1, 14, 14)

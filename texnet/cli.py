@@ -60,9 +60,8 @@ def main(argv=None):
 
 
 def _of_disk(error, out):
-    """What an OSError says, as of a full disk or a read-only folder: of out, not of the hidden file
-    that was to become it."""
-    where = out or error.filename
+    """What an OSError says, as of a full disk or a read-only folder: of its file, or of out."""
+    where = error.filename or out
     said = error.strerror or str(error)
     return f"cannot write {where}: {said.removesuffix('.')}." if where else said
 
@@ -266,9 +265,11 @@ def _decompose(to):
 def _training(to):
     # the defaults of training.train and training.finetune, which are slow to import
     text = "train a network on simulated scenes; about an hour"
-    _add_training(to, "train", commands.train, text, 1600, 60, 320)
+    _add_training(to, "train", commands.train, text, 1600, 60, 320, "draws and first weights")
     text = "adapt a network to a library; minutes"
-    p = _add_training(to, "finetune", commands.finetune, text, 48, 3, 160)
+    p = _add_training(
+        to, "finetune", commands.finetune, text, 48, 3, 160, "draws and of what objects are made of"
+    )
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--model", metavar="FILE", type=Path, default=files("texnet") / "data" / WEIGHTS,
@@ -285,7 +286,7 @@ def _training(to):
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".onnx")
 
 
-def _add_training(to, name, run, text, scenes, epochs, per_epoch):
+def _add_training(to, name, run, text, scenes, epochs, per_epoch, seed):
     p = _add(to, name, run, text)
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help=".safetensors")
     p.add_argument(
@@ -301,7 +302,7 @@ def _add_training(to, name, run, text, scenes, epochs, per_epoch):
         default=Path(os.path.expanduser("~"), ".cache", "texnet"),
         help="scenes and checkpoints, default: ~/.cache/texnet",
     )  # fmt: skip
-    _add_seed(p, "scenes, draws and first weights")
+    _add_seed(p, seed)
     _add_device(p)
     return p
 
@@ -309,7 +310,7 @@ def _add_training(to, name, run, text, scenes, epochs, per_epoch):
 def _measuring(to):
     p = to.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    text = "speed beside the peers and the limits; up to twelve minutes"
+    text = "speed beside the peers and the limits; up to fifteen minutes"
     p = _add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(

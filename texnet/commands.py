@@ -340,7 +340,8 @@ def bench_stability(args):
     check_directory(args.out, names=("stability.csv", "missing.csv", "atlas.png", "atlas.md"))
     with progress_bar() as report:
         rows, missing, faults = measure(args.out, args.axes, report)
-    files = f"{args.out}: stability.csv, missing.csv, atlas.png, atlas.md."
+    files = [*["missing.csv"] * bool(missing), "atlas.png", "atlas.md"]
+    files = f"{args.out}: {', '.join(['stability.csv', *files])}."
     text = "\n".join([*faults, files])
     return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
 

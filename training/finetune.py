@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch.utils.data import Subset
 
 from physics.errors import InputError
 from physics.estimate import USUAL_OBJECTS
@@ -33,7 +34,7 @@ LEARNING_RATE = 5e-4  # a quarter of training's
 PHYSICS_LEARNING_RATE = 1e-4  # Eq. 1 alone says little of materials: keep near what is known
 PER_EPOCH = 160  # draws
 SCENES, EPOCHS = 48, 3  # 3 % of the scenes and of the draws of `train`
-HELD_OUT = 8  # validation scenes, or crops of the cubes, measured before and after
+HELD_OUT = 8  # validation scenes, or at least so many crops of the cubes, one of each at least
 
 
 def finetune(
@@ -94,7 +95,8 @@ def finetune(
         ]
         for s in sets:
             s.make(progress=lambda n, of: progress and progress(n, of, "scenes"))
-        draws, held_out = Draws(sets[0], seed, SIDE), Draws(sets[1], VALIDATION_SEED)
+        draws = Draws(sets[0], seed, SIDE)
+        held_out = Draws(Subset(sets[1], range(HELD_OUT)), VALIDATION_SEED)  # each once
         data = [sets[0].folder.name, scenes]
     seconds = time.perf_counter() - start
 
@@ -127,7 +129,7 @@ def calibrated(cube, library, network, device="cpu"):
 
 
 def _measure(module, draws):
-    """Means of the module's measures over HELD_OUT draws, as floats."""
+    """Means of the module's measures over draws of each scene or cube, as floats."""
     with torch.no_grad():
-        rows = [module.measures(*draws[i]) for i in range(HELD_OUT)]
+        rows = [module.measures(*draws[i]) for i in range(max(HELD_OUT, len(draws)))]
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

@@ -120,8 +120,8 @@ def expected_by(network, sample):
     p = TeXModel(network)(glance.scene, glance.radiance).material_probability
     seen = Expected(expected(p.cpu().numpy()), glance.step)
     nats = seen.of_tile(glance.top, glance.left, *shape)
-    nats = np.ascontiguousarray(nats[..., ::-1] if glance.turned else nats)
-    return torch.from_numpy(nats).to(p.device).flatten(1)
+    nats = nats[..., ::-1] if glance.turned else nats
+    return torch.from_numpy(nats.copy()).to(p.device).flatten(1)
 
 
 def _bands(fine_um, rng):

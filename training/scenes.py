@@ -2,7 +2,7 @@
 
 Scene i of a split is a pure function of the settings, the split and i, so a set can be made
 by any number of processes, interrupted anywhere and taken up again. A set lives in a folder
-named by a hash of all that makes it, the simulator's source included: what is found there
+named by a hash of all of ours that makes it, the simulator's source included: what is found there
 is what would be made.
 
     <folder>/<hash>/made.json        the settings, for people
@@ -239,7 +239,7 @@ def _render(settings, seed):
 
 
 def _hash(settings):
-    """Of all that makes a scene: settings, the simulator and this package's part."""
+    """Of what of ours makes a scene: settings, the simulator and this package's part."""
     return provenance([asdict(settings), BASE_SEED], SOURCES)
 
 

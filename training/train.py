@@ -256,6 +256,7 @@ def fit(
     same call goes on from the last epoch.
     """
     quiet()
+    orderly = torch.are_deterministic_algorithms_enabled()
     last, order = Path(folder) / "last.ckpt", Epoch(per_epoch)
     if last.exists():  # Lightning begins to draw before it tells the first epoch
         order.set_epoch(_epoch_of(last) + 1)
@@ -300,6 +301,7 @@ def fit(
         raise KeyboardInterrupt from None
     finally:
         torch.set_num_threads(threads)
+        torch.use_deterministic_algorithms(orderly)
     return module.metrics
 
 

@@ -34,7 +34,8 @@ def check_writable(path, *inputs, suffix=()):
 
 @contextmanager
 def whole_file(path):
-    """Yield a path to write to; it becomes `path` if the block ends well, else it goes.
+    """Yield a path to write to; it becomes `path` if the block ends well, else it goes. An OSError
+    of it, as of a full disk, has `path` for a filename.
 
     The neighbour keeps the suffix, because numpy and matplotlib choose by it. A link stays one:
     what it leads to is written.
@@ -46,6 +47,10 @@ def whole_file(path):
     try:
         yield part
         os.replace(part, target)
+    except OSError as e:
+        if e.filename is None or str(e.filename) == str(part):
+            e.filename = str(path)
+        raise
     finally:
         part.unlink(missing_ok=True)
 
