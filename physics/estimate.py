@@ -263,8 +263,11 @@ def _sky_clusters(cube, library, spectra, row, seed):
     scene_k = np.median(brightness_temperature(cube.wavelength_um, centres))
     missing = np.array([_missing(cube.wavelength_um, c, opacity, scene_k) for c in centres])
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
-    missing[height > row.mean()] = 0.0
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
+    like = (missing > least)[fit.labels_]
+    # metal that mirrors the sky lies below the middle; sky does where it fills more than half
+    below = 1.0 if like.all() else row[~like].mean()
+    missing[height > max(row.mean(), min(like.mean(), below))] = 0.0
     of_sky = missing > max(least, MISSING_RATIO * missing.max())
     sky = of_sky[fit.labels_]
     # rows are a half in the mean, those of hot pixels, which are not here, included

@@ -137,6 +137,18 @@ def test_what_is_foreseen_is_what_the_clock_says(monkeypatch):
     assert tried[-1] == ("net", (30, CROP))
 
 
+def test_of_dead_pixels_on_a_grid_enough_is_left_to_foresee():
+    """The thinned cube sees hardly any other."""
+    truth = made_up.truth(70, 160)
+    dead = np.zeros(truth.temperature_k.shape, bool)
+    dead[:, ::2] = True
+    dead[:2, :3] = False
+    cube = replace(made_up.cube(truth), dead=dead)
+    library = MaterialLibrary.starter().subset(["sky", "grass", "water", "bark"])
+    with mock.patch.object(module, "best_first", lambda bands: ["local"]):
+        assert choose(cube, library, 5, 1e9, lambda method: None)[0] == "local"
+
+
 def test_a_furnace_in_the_middle_is_foreseen_as_the_rest():
     """Its pixels are most of the part that is timed, whose environment is that of the picture."""
     cube = made_up.cube(made_up.truth(150, 160))

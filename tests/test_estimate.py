@@ -15,6 +15,7 @@ from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.simulator import simulate
+from physics.simulator.presets import preset
 from physics.simulator.scene_file import load_scene
 from physics.sky import Atmosphere, sky_radiance
 from texnet.pipeline import decompose
@@ -57,6 +58,22 @@ def test_the_sky_is_found_outdoors(name):
     level = brightness_temperature(cube.wavelength_um, e.radiance).mean(axis=1)
     others = [j for j in range(len(e)) if j not in e.sky]
     assert level[list(e.sky)].max() < level[others].min()
+
+
+@pytest.mark.parametrize("bands", [18, 54])
+def test_all_of_a_sky_that_fills_most_of_the_picture_is_found(bands):
+    """Below its middle, too: the camera looks up."""
+    scene = preset("random", 14)
+    at, to = np.array(scene.camera.position), np.array(scene.camera.target)
+    ahead = (to - at) * (1, 1, 0)
+    up = at + ahead + [0, 0, np.linalg.norm(ahead) * np.tan(np.radians(20))]
+    scene = replace(scene, camera=replace(scene.camera, target=tuple(up)))
+    w, fwhm = equidistant_bands(bands)
+    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(48, 64), spp=16, seed=14)
+    sky = names_of(truth) == "sky"
+    assert sky.mean() > 0.75
+    found = names_of(decompose(cube)) == "sky"
+    assert found[sky].mean() > 0.97 and found[~sky].mean() < 0.05
 
 
 @pytest.mark.parametrize("name", OUTDOORS)

@@ -51,17 +51,19 @@ def choose(cube, library, k, budget, model_of, progress=None):
         environment = estimate_environment(cube, library, objects)
         once = (before + time.perf_counter() - start) / (cube.shape[0] * cube.shape[1])
 
+    few = thinned(cube, WARM)
+
     def seconds(method):
-        run = partial(decompose, library=library, method=method, model=model_of(method), k=k)
+        run = partial(decompose, library=library, method=method, model=model_of(method))
         for _ in range(2):  # the first time loads
-            d = run(thinned(cube, WARM), progress=progress)
+            d = run(few, k=min(k, few.measured_count) if whole else k, progress=progress)
         # of so many pixels as it is of all
         calibration = d.seconds["calibration"] / (cube.shape[0] * cube.shape[1])
         if not whole:  # the objects are counted, too
             calibration += d.seconds["environment"] / (cube.shape[0] * cube.shape[1])
         part = middle(cube, CROP)
         start = time.perf_counter()
-        d = run(part, environment=environment, progress=progress)
+        d = run(part, environment=environment, k=k, progress=progress)
         took = time.perf_counter() - start - d.seconds["calibration"]  # of what is given
         took /= part.shape[0] * part.shape[1]
         return 1e6 * (once + calibration + took)

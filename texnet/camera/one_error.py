@@ -25,17 +25,20 @@ import numpy as np
 from .correction import RIGHT, Calibration
 
 ENOUGH = 5.0  # nats above the typical pixel's
+STRIDE = 4  # steps, where they are large
 SUSPECT = 0.25  # nats per pixel over a right camera, and at most as many below the likeliest
 
 
 class Kind(NamedTuple):
-    """What may be wrong: of(error) is its Calibration; the steps of the search and how far it
-    goes; which errors are looked at first; the least that counts; the nats per pixel that it must
-    gain; and its lead: of two kinds the lesser is what the likelier must be ahead by."""
+    """What may be wrong: of(error) is its Calibration; the steps of the search, how far they go,
+    and how far STRIDE of them at a time; which errors are looked at first; the least that counts;
+    the nats per pixel that it must gain; and its lead: of two kinds the lesser is what the likelier
+    must be ahead by."""
 
     of: Callable
     step: float
     most: float
+    farthest: float
     first: tuple[float, ...]
     least: float
     worth: float
@@ -56,9 +59,12 @@ class Best(NamedTuple):
 
 GAIN = Kind(
     lambda error: Calibration(gain=1 + error),
-    0.01, 0.15, (0.005, 0.01, 0.03, 0.1), 0.0075, 1.0, 0.25,
+    0.01, 0.15, 0.3, (0.005, 0.01, 0.03, 0.1, 0.2), 0.0075, 1.0, 0.25,
 )  # fmt: skip
-OFFSET = Kind(lambda error: Calibration(offset_k=error), 0.5, 4.0, (0.5, 1.0), 0.5, 2.0, 0.25)
+OFFSET = Kind(
+    lambda error: Calibration(offset_k=error),
+    0.5, 4.0, 20.0, (0.5, 1.0, 10.0), 0.5, 2.0, 0.25,
+)  # fmt: skip
 LEVELS = GAIN, OFFSET
 
 
@@ -67,7 +73,7 @@ def shift_kind(wavelength_um):
     a step of the search is the least that is found."""
     spacing = float(np.median(np.diff(wavelength_um)))
     of = lambda error: Calibration(shift_um=round(error * spacing, 5))
-    return Kind(of, 0.1, 0.6, (0.1, 0.3), 0.05, 0.5, 0.05)
+    return Kind(of, 0.1, 0.6, 0.6, (0.1, 0.3), 0.05, 0.5, 0.05)
 
 
 def one_error(nats_of, sky, kinds):
@@ -123,8 +129,10 @@ def _best_of(kind, tried, nats_of):
     def likeliest(errors):
         return errors[int(np.argmin(loss_of(errors)))]
 
-    n, half = round(kind.most / kind.step), kind.step / 2
-    steps = [kind.step * i for i in range(-n, n + 1) if i]
+    half = kind.step / 2
+    n, most = (round(error / kind.step) for error in (kind.most, kind.farthest))
+    sizes = [*range(1, n + 1), *range(n + STRIDE, most + 1, STRIDE)]
+    steps = sorted(sign * kind.step * i for i in sizes for sign in (-1, 1))
     # a shift may leave the library, and each does where that reaches no farther than the bands
     nats = nats_of.each([kind.of(e) for e in steps])
     steps = [e for e in steps if np.isfinite(nats[kind.of(e)]).any()]
@@ -133,6 +141,8 @@ def _best_of(kind, tried, nats_of):
     step = likeliest(steps)
     if step == (steps[-1] if step > 0 else steps[0]):
         return Best(kind, step, at_end=True)
+    if abs(step) > kind.most - half:
+        step = likeliest([step + kind.step * i for i in range(1 - STRIDE, STRIDE)])
     around = [step + side * half for side in (-1, 0, 1)]
     lowest_at = step + half * float(lowest(*loss_of(around)))
     return Best(kind, likeliest([*around, round(lowest_at, 4)]), at_end=False)
