@@ -265,15 +265,16 @@ def _sky_clusters(cube, library, spectra, row, seed):
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
     like = (missing > least)[fit.labels_]
-    # metal that mirrors the sky lies below the middle; sky does where it fills more than half
     below = 1.0 if like.all() else row[~like].mean()
-    missing[height > max(row.mean(), min(like.mean(), below))] = 0.0
-    of_sky = missing > max(least, MISSING_RATIO * missing.max())
-    sky = of_sky[fit.labels_]
-    # rows are a half in the mean, those of hot pixels, which are not here, included
-    if row.any() and sky.any() and 0.5 - row[sky].mean() < ABOVE * (1 - sky.mean()):
-        of_sky[:] = False
-    return fit, of_sky
+    # sky lies below the middle where it fills more than half, or it is metal that mirrors sky
+    for lowest in (max(row.mean(), min(like.mean(), below)), row.mean()):
+        high = np.where(height > lowest, 0.0, missing)
+        of_sky = high > max(least, MISSING_RATIO * high.max())
+        sky = of_sky[fit.labels_]
+        # rows are a half in the mean, those of hot pixels, which are not here, included
+        if not (row.any() and sky.any()) or 0.5 - row[sky].mean() >= ABOVE * (1 - sky.mean()):
+            return fit, of_sky
+    return fit, np.zeros_like(of_sky)
 
 
 def _neighbours(pixel, shape):

@@ -570,7 +570,7 @@ def test_the_noise_rises_without_a_step(residual, more):
     assert 0 <= shared[0] <= shared[1] < shared[0] + 0.05 * 1.1
 
 
-@pytest.mark.parametrize("error", [0.16, 0.3, -0.2])
+@pytest.mark.parametrize("error", [0.3, 0.5, -0.4])
 def test_what_lies_beyond_the_search_is_not_approached(error):
     def nats(gain, offset_k):
         return 40 * abs(gain - error) + 10 * abs(offset_k)

@@ -48,7 +48,7 @@ def whole_file(path):
         yield part
         os.replace(part, target)
     except OSError as e:
-        if e.filename is None or str(e.filename) == str(part):
+        if e.errno is not None and str(e.filename) in ("None", str(part)):
             e.filename = str(path)
         raise
     finally:
