@@ -1,5 +1,6 @@
 """The `texnet bench` commands: what they take, and what they refuse before the work."""
 
+import json
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import lowtran7, speed, stability
+from benchmarks import finetune, lowtran7, rows, speed, stability
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
@@ -41,14 +42,14 @@ def test_speed_measures_the_large_cube_if_asked(words, large, tmp_path, monkeypa
 
 
 def test_stability_measures_the_axes_that_are_named(tmp_path, capfd, monkeypatch):
-    def rows(axis, level, view, library, model, known):
+    def measured(axis, level, view, library, model, known):
         done.add(axis)
         of = {"axis": axis, "level": float(level), "scene": view.name}
         for method in METHODS:
             yield of | {"method": method} | dict.fromkeys(stability.COLUMNS, 0.5) | {"failure": ""}
 
     done = set()
-    monkeypatch.setattr(stability, "measured", rows)
+    monkeypatch.setattr(stability, "measured", measured)
     words = ["bench", "stability", "--axes", "noise", "gain off", "--out", str(tmp_path)]
     assert main(words) == 0 and done == {"noise", "gain off"}
     said = capfd.readouterr().out.rpartition(f"{tmp_path}: ")[2].rstrip(".\n").split(", ")
@@ -70,6 +71,22 @@ def test_a_command_that_fails_says_why(tmp_path):
     words = ["decompose", str(tmp_path / "none.npz"), "--out", str(tmp_path / "out")]
     with pytest.raises(InputError, match=f"^speed: a night: .*{tmp_path / 'none.npz'}"):
         speed._command("a night", words, 1)
+
+
+def test_what_other_code_measured_is_left_out_of_the_table(tmp_path):
+    row = dict.fromkeys(["material_accuracy", "cross_entropy", "temperature_rmse_k"], 0.5) | {
+        "method": "net", "texture_correlation": 0.5, "draws": 1,
+        "minutes_scenes": 1.0, "minutes_training": 1.0,
+    }  # fmt: skip
+    model = tmp_path / "model"
+    model.write_bytes(b"weights")
+    for part, made in (("zero-shot", rows.settings(model)), ("scenes", rows.settings())):
+        text = json.dumps({"made": made, "rows": [{"part": part} | row]})
+        (tmp_path / f"{part}.json").write_text(text)
+    said = finetune.table(tmp_path, model)
+    assert said.splitlines()[1].startswith("zero-shot") and said.endswith("another model: scenes")
+    table = (tmp_path / "finetune.csv").read_text()
+    assert "zero-shot" in table and "scenes," not in table.splitlines()[-1]
 
 
 def test_noisy_bands_are_noisy_anew_in_each_draw():

@@ -340,9 +340,8 @@ def bench_stability(args):
     check_directory(args.out, names=("stability.csv", "missing.csv", "atlas.png", "atlas.md"))
     with progress_bar() as report:
         rows, missing, faults = measure(args.out, args.axes, report)
-    files = [*["missing.csv"] * bool(missing), "atlas.png", "atlas.md"]
-    files = f"{args.out}: {', '.join(['stability.csv', *files])}."
-    text = "\n".join([*faults, files])
+    files = ["stability.csv", *["missing.csv"] * bool(missing), "atlas.png", "atlas.md"]
+    text = "\n".join([*faults, f"{args.out}: {', '.join(files)}."])
     return text, {"command": "bench stability", "rows": rows, "missing": missing, "faults": faults}
 
 

@@ -59,7 +59,7 @@ class Best(NamedTuple):
 
 GAIN = Kind(
     lambda error: Calibration(gain=1 + error),
-    0.01, 0.15, 0.3, (0.005, 0.01, 0.03, 0.1, 0.2), 0.0075, 1.0, 0.25,
+    0.01, 0.15, 0.27, (0.005, 0.01, 0.03, 0.1, 0.2), 0.0075, 1.0, 0.25,
 )  # fmt: skip
 OFFSET = Kind(
     lambda error: Calibration(offset_k=error),
@@ -85,7 +85,8 @@ def one_error(nats_of, sky, kinds):
     kinds    of errors that are looked for
 
     A first look at a few errors tells whether there is anything to find. Then all steps of all
-    kinds are tried, half a step around the best of each, and the lowest of a parabola there.
+    kinds are tried, those between the best of each and its neighbours if these are STRIDE away,
+    half a step around the best, and the lowest of a parabola there.
     """
     tried = [RIGHT, *first_look(kinds)]
     loss = losses(nats_of.each(tried), np.median(nats_of(RIGHT)))
@@ -130,8 +131,8 @@ def _best_of(kind, tried, nats_of):
         return errors[int(np.argmin(loss_of(errors)))]
 
     half = kind.step / 2
-    n, most = (round(error / kind.step) for error in (kind.most, kind.farthest))
-    sizes = [*range(1, n + 1), *range(n + STRIDE, most + 1, STRIDE)]
+    n, last = (round(error / kind.step) for error in (kind.most, kind.farthest))
+    sizes = [*range(1, n + 1), *range(n + STRIDE, last + 1, STRIDE)]
     steps = sorted(sign * kind.step * i for i in sizes for sign in (-1, 1))
     # a shift may leave the library, and each does where that reaches no farther than the bands
     nats = nats_of.each([kind.of(e) for e in steps])
