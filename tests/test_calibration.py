@@ -570,6 +570,12 @@ def test_the_noise_rises_without_a_step(residual, more):
     assert 0 <= shared[0] <= shared[1] < shared[0] + 0.05 * 1.1
 
 
+def test_a_larger_offset_is_known_less_well():
+    cube = HeatCube(np.full((12, 1, 1), 8.0), W, None, 0.05)
+    none, small, large = (shared_error_k(Calibration(offset_k=o), cube) for o in (0.0, 1.0, -10.0))
+    assert none == 0 and 0.2 < small < 0.4 and 0.5 < large < 2
+
+
 @pytest.mark.parametrize("error", [0.3, 0.5, -0.4])
 def test_what_lies_beyond_the_search_is_not_approached(error):
     def nats(gain, offset_k):

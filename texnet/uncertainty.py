@@ -33,8 +33,9 @@ RIM_NATS = 10.0  # evidence for pure sky below which something may stand before 
 # mixes what lies on both sides, which the model does not know (it knows of sky behind a rim); more
 # where the neighbours are of other materials
 SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
-# what a calibration that was found may still be off by, at 300 K, and as a share of bands' gains
-FOUND_K, SHARE = 0.25, 0.7
+# what a calibration that was found may still be off by, at 300 K, as a share of bands' gains, and
+# of an offset (the most that those of 3 to 15 K were off by in scenes used for tuning)
+FOUND_K, SHARE, OFFSET_SHARE = 0.25, 0.7, 0.08
 ROWS = 256  # at once
 GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
 
@@ -94,13 +95,14 @@ def sigma_among_neighbours(sigma, temperature, material):
 
 def shared_error_k(c, cube):
     """By how much the radiance of a corrected cube may still be off in all pixels together, K at
-    300 K: by what fitted nothing, and a share of what the bands were corrected by."""
+    300 K: by what fitted nothing, and a share of what bands and offset were corrected by."""
     unfit = c.shared * cube.netd_k / c.noise
     if c.keeps_radiance:
         return unfit
     w = cube.wavelength_um
     off = (c.of_bands(cube.bands) - 1) * planck(w, 300.0) / planck_derivative(w, 300.0)
-    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + unfit**2))
+    of_offset = OFFSET_SHARE * c.offset_k
+    return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + of_offset**2 + unfit**2))
 
 
 def with_calibration_error(sigma, temperature, wavelength_um, error_k):
