@@ -43,6 +43,7 @@ def distill(model, spectra, row, temperature_k, thermal_lighting, threads):
     texture = np.empty((len(model.sigma), len(row)), np.float32).T
     lit, residual = np.zeros((2, len(row)), np.float32)
 
+    @np.errstate(invalid="ignore")  # OpenBLAS now and then says so of small, finite matrices
     def of_group(group):
         r, index = group
         u, v = model.deviation[r], thermal_lighting[index]
