@@ -41,6 +41,7 @@ INPUTS = {
     "sky_object": (("k",), "1 for the objects that stand for the sky, else 0"),
     "spread": (("spreads", "bands"), f"{SPECTRUM}, deviations of the surroundings"),
     "skylight_spread": (("skylight_spreads", "bands"), f"{SPECTRUM}, those of the sky's light"),
+    "curve_spread": (("curve_spreads", "bands"), f"{SPECTRUM}, those of curves that are off"),
     "sky_spread": (("sky_spreads", "bands"), f"{SPECTRUM}, those of the sky's own pixels"),
     "sky_mean": (("bands",), f"{SPECTRUM}, mean of the sky's pixels, 0 if none"),
     "prior_k": ((2,), "K, mean and standard deviation of T's prior"),
@@ -92,7 +93,8 @@ OUTPUTS = {
 }  # fmt: skip
 EXAMPLE = dict(  # deviations: torch would take the sum of three sizes for one of its own
     bands=17, nodes=3, materials=8, hypotheses=2 * 8, k=4, spreads=6, skylight_spreads=2,
-    sky_spreads=10, deviations=6 + 2 + 10 + 1, components=14, height=12, width=13,
+    curve_spreads=7, sky_spreads=10, deviations=6 + 2 + 7 + 10 + 1, components=14, height=12,
+    width=13,
 )  # fmt: skip
 FOLLOWING = {  # from those
     "unknowns": lambda n: n["k"] + TERMS,

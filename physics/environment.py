@@ -9,7 +9,7 @@ from .cube.heat_cube import check_wavelength, numbers
 from .errors import Implausible, InputError
 from .machinery.read_only import ReadOnly
 from .planck import brightness_temperature, planck, planck_derivative
-from .prior import Pixels, lighting_scale
+from .prior import MIN_TEMPERATURE_SPREAD_K, Pixels, lighting_scale
 
 MOST_OBJECTS = 10
 FAR_K = 100.0  # from the cube: in other units
@@ -17,6 +17,7 @@ FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
 WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance
 # colder than the scene, and if it were per cm-1 within as many K of it: it is per cm-1
 COLD_SKY_K, NEAR_K = 110.0, 30.0
+SMOOTH_UM, SMALL = 0.5, 0.003  # of errors of curves; of the largest of them, and left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class Environment(ReadOnly):
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
+    curve_spread   (d, bands) one-sigma deviations of what is no sky, since its curve may be off
     sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
                    pixel can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
@@ -44,6 +46,7 @@ class Environment(ReadOnly):
     spread: np.ndarray | None = None
     skylight_spread: np.ndarray | None = None
     error_k: float = 0.0
+    curve_spread: np.ndarray | None = None
     sky_mean: np.ndarray | None = None
     sky_spread: np.ndarray | None = None
     within: np.ndarray | None = None
@@ -70,7 +73,7 @@ class Environment(ReadOnly):
         if error.ndim or not 0 <= error <= 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))
-        names = ("spread", "skylight_spread", "sky_spread")
+        names = ("spread", "skylight_spread", "curve_spread", "sky_spread")
         given = {name: getattr(self, name) for name in names}
         fields = {
             n: none if a is None else np.array(numbers(a, f"environment: {n}"), np.float64)
@@ -117,7 +120,9 @@ class Environment(ReadOnly):
 
     def only(self, good):
         """The Environment of some of its bands, (bands,) bool."""
-        names = "radiance", "spread", "skylight_spread", "sky_mean", "sky_spread"
+        names = (
+            "radiance", "spread", "skylight_spread", "curve_spread", "sky_mean", "sky_spread"
+        )  # fmt: skip
         given = {n: a for n in names if (a := getattr(self, n)) is not None}
         cut = {n: a[..., good] for n, a in given.items()}
         if self.within is not None:
@@ -157,6 +162,29 @@ class Environment(ReadOnly):
         _, length, direction = np.linalg.svd(rows, full_matrices=False)
         rows = (length[:, None] * direction)[:2]
         return replace(self, spread=np.concatenate([self.spread, rows]))
+
+    def with_curves_off_by(self, error):
+        """The Environment of materials whose emissivity may be off by error (one standard
+        deviation, 0..1), smoothly over SMOOTH_UM: by Eq. 1 that moves a spectrum by de (B - X).
+
+        B is that of what is as warm as these objects and up to some 15 K warmer or colder, V as
+        likely as it is a priori.
+
+        Raises InputError where error is not 0-1."""
+        error = numbers(error, "environment: with_curves_off_by")
+        if error.ndim or not 0 <= error <= 1:
+            raise InputError(f"environment: curves may be off by 0-1 (of 1), got {error}.")
+        w, s = self.wavelength_um, self.radiance
+        usual_k = np.median(brightness_temperature(w, s).max(axis=1))  # the sky's: about the air's
+        mean = s.mean(axis=0)
+        off = np.concatenate([
+            [planck(w, usual_k) - mean], (s - mean) * lighting_scale(len(s)),
+            [MIN_TEMPERATURE_SPREAD_K * planck_derivative(w, usual_k)],
+        ])  # fmt: skip
+        alike = np.exp(-0.5 * ((w[:, None] - w) / SMOOTH_UM) ** 2)
+        variance, direction = np.linalg.eigh(error**2 * alike * (off.T @ off))
+        some = variance > SMALL**2 * variance[-1]
+        return replace(self, curve_spread=(direction * np.sqrt(variance.clip(0))).T[some])
 
     def check(self, cube):
         """Raise InputError unless the environment may be that of a HeatCube: of its bands, with an

@@ -10,7 +10,8 @@ as much; the spectrum of a pixel of hypothesis h is then Gaussian too. In noise 
 
 with, in the rows of F_h, what the pixel is free in, one standard deviation long:
 
-    g_h spread, g_h skylight_spread, alpha sky_spread, alpha's own step       (deviations)
+    g_h spread, g_h skylight_spread, (1 - alpha) curve_spread,
+    alpha sky_spread, alpha's own step                                     (deviations)
     (1 - alpha)(1 - e_m)(S_j - mean S) / sqrt(3 k)                         (lighting, x_V)
     (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
 
@@ -156,6 +157,7 @@ def hypotheses_of(known) -> Hypotheses:
     rows = np.concatenate([
         of_reflected * x["spread"],
         of_reflected * x["skylight_spread"],
+        (1 - sky_share)[:, None, None] * (x["curve_spread"] / sigma),
         sky_share[:, None, None] * (x["sky_spread"] / sigma),
         (alpha_step / sigma)[:, None],
         (light - usual[:, None]) * lighting_scale(k),

@@ -29,7 +29,8 @@ class Known(NamedTuple):
     emissivity (materials, bands, n) at the nodes; is_sky (materials,) 1 for the sky, else 0;
     environment (k, bands), and light (k, bands, n), the same at the nodes;
     sky_object (k,) 1 for the objects that stand for the sky;
-    spread, skylight_spread, sky_spread (d, bands) and error (bands,) as in Environment;
+    spread, skylight_spread, curve_spread, sky_spread (d, bands) and error (bands,) as in
+    Environment;
     sky_mean (bands,), or zeros where no sky is in view;
     quiet (bands,) as in HeatCube;
     prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
@@ -48,6 +49,7 @@ class Known(NamedTuple):
     sky_object: np.ndarray
     spread: np.ndarray
     skylight_spread: np.ndarray
+    curve_spread: np.ndarray
     sky_spread: np.ndarray
     error: np.ndarray
     sky_mean: np.ndarray
@@ -90,7 +92,8 @@ def known_arrays(cube, library, environment):
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=library.is_sky,
         environment=environment.radiance, light=environment.at_nodes(nodes),
         sky_object=sky_object, spread=environment.spread,
-        skylight_spread=environment.skylight_spread, sky_spread=environment.sky_spread,
+        skylight_spread=environment.skylight_spread, curve_spread=environment.curve_spread,
+        sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
         quiet=cube.quiet, prior_k=np.array([mean, spread]), basis=basis,
     )  # fmt: skip

@@ -263,7 +263,7 @@ def test_an_environment_of_some_bands_is_that_of_their_spectra():
     cube, good = patterned(18), np.arange(18) % 3 != 1
     e = estimate_environment(cube, LIBRARY)
     cut = e.only(good)
-    for name in ("radiance", "spread", "skylight_spread", "sky_spread", "sky_mean"):
+    for name in ("radiance", "spread", "skylight_spread", "curve_spread", "sky_spread", "sky_mean"):
         np.testing.assert_array_equal(getattr(cut, name), getattr(e, name)[..., good], name)
     assert cut.sky == e.sky and cut.error_k == e.error_k
     w = cube.wavelength_um

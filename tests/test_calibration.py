@@ -239,15 +239,15 @@ def test_noise_alone_copies_no_cube():
 
 
 @pytest.mark.parametrize(
-    ("bands", "method", "percent"), [(9, "net+sgd", 0), (54, "net+sgd", 3), (54, "local", 3)]
+    ("bands", "method", "percent"), [(9, "net+sgd", 0), (9, "net+sgd", 3), (9, "local", 3)]
 )
 def test_what_fits_nowhere_is_noise(bands, method, percent):
-    """Few bands that are off among each other, or curves that are so many percent wrong."""
+    """Few bands that are off among each other, or show curves that are so many percent wrong."""
     cube, truth = traced("forest", bands)
     if not percent:
         cube = of_bands(cube, 0.005 * np.random.default_rng(1).normal(size=bands))
     d = decompose(cube, with_errors(percent), method=method)
-    assert (d.gain, d.offset_k) == (1, 0) and (d.band_gains == 1).all()
+    assert (d.gain, d.offset_k, d.curve_error) == (1, 0, 0) and (d.band_gains == 1).all()
     assert d.netd_k > 4 * cube.netd_k
     ground = names_of(truth) != "sky"
     error = np.abs(d.temperature_k - truth.temperature_k)[ground]
@@ -272,7 +272,7 @@ def test_mirrors_do_not_pass_for_what_curves_have_wrong(name, bands, monkeypatch
 
 def test_too_few_objects_are_not_taken_for_wrong_bands():
     d = decompose(traced("forest", 54)[0], k=1)
-    assert (d.band_gains == 1).all() and d.netd_k > 0.05
+    assert (d.band_gains == 1).all() and (d.netd_k > 0.05 or d.curve_error > 0)
 
 
 def test_one_hot_pixel_and_saturated_ones_are_left_out():
@@ -320,11 +320,11 @@ def test_surroundings_that_are_off_are_not_believed(wrong_k, bands, method):
 
 
 @pytest.mark.parametrize("method", ["net+sgd", "local"])
-def test_wrong_curves_under_surroundings_that_are_right_are_noise(method):
+def test_wrong_curves_under_surroundings_that_are_right_are_allowed_for(method):
     cube, truth = traced("forest", 54)
     e = estimate_environment(cube, LIBRARY, 5)
     d = decompose(cube, with_errors(1), environment=e, method=method)
-    assert d.noise_raised > 1.5
+    assert d.environment_error_k == 0 and 0.002 < d.curve_error < 0.02
     off = np.abs(d.temperature_k - truth.temperature_k)[names_of(truth) != "sky"]
     assert (off <= 2 * d.temperature_sigma_k[names_of(truth) != "sky"]).mean() > 0.9
 

@@ -61,6 +61,7 @@ def surroundings(w, nodes, k, rich, sky):
         more["sky_mean"] = 0.6 * cold + 0.4 * planck(w, 285.0)
         if rich:
             more["skylight_spread"] = 0.03 * cold[None] * np.cos(w)
+            more["curve_spread"] = 0.01 * np.stack([cold, np.cos(3 * w), np.sin(w)])
             more["sky_spread"] = 0.03 * np.stack([cold * np.cos(2 * w), cold])
             more["within"] = 1 + 0.3 * np.sin(30 * nodes)[None]
     return Environment(np.stack([cold, *warm]), w, **more)
@@ -169,10 +170,12 @@ class Dense:
         self.black, self.light = black, np.array(light)
         self.mu = glow[0] + (centre + alpha * x.sky_mean) / x.sigma
         self.D = 1 + (g * x.error / x.sigma) ** 2
-        self.d = len(x.spread) + len(x.skylight_spread) + len(x.sky_spread) + 1
+        self.d = len(x.spread) + len(x.skylight_spread)
+        self.d += len(x.curve_spread) + len(x.sky_spread) + 1
         self.F = np.array(
             [g * row / x.sigma for row in x.spread]
             + [g * row / x.sigma for row in x.skylight_spread]
+            + [(1 - alpha) * row / x.sigma for row in x.curve_spread]
             + [alpha * row / x.sigma for row in x.sky_spread]
             + [alpha_sigma * (x.sky_mean - black) / x.sigma]
             + [(s - centre) / math.sqrt(3 * k) / x.sigma for s in light]

@@ -53,7 +53,7 @@ def runtime():
     return Runtime(PATH, threads=2)
 
 
-def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0, sky=True):
+def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 4, 0), seed=0, sky=True):
     """radiance and known arrays of a cube by Eq. 1, with as many spreads as said; the last material
     is the sky, which a tenth of the other pixels are in part, if it is in view."""
     rng = np.random.default_rng(seed)
@@ -68,7 +68,7 @@ def scene(bands=24, k=3, materials=8, shape=(20, 30), spreads=(3, 2, 0), seed=0,
     above = 0.7 * cold + 0.3 * planck(w, 285.0)
     environment = Environment(
         np.stack([cold, *warm]), w, (0,), spread=rows[0], skylight_spread=rows[1],
-        sky_spread=rows[2], error_k=0.05, sky_mean=above if sky else None,
+        curve_spread=rows[2], sky_spread=rows[3], error_k=0.05, sky_mean=above if sky else None,
     )  # fmt: skip
     # patches, so that the neighbours have something to say
     across = rng.integers(0, materials, (-(-shape[0] // 5), -(-shape[1] // 5)))
@@ -126,16 +126,16 @@ CONFIGURATIONS = [
         bands=int(RANDOM.integers(4, 101)), k=int(RANDOM.integers(2, 9)),
         materials=int(RANDOM.integers(4, 31)),
         shape=tuple(RANDOM.integers(12, 40, 2).tolist()),
-        spreads=tuple(RANDOM.integers(0, 6, 3).tolist()), seed=seed, sky=seed % 3 > 0,
+        spreads=tuple(RANDOM.integers(0, 6, 4).tolist()), seed=seed, sky=seed % 3 > 0,
     )
     for seed in range(6)
 ]  # fmt: skip
 EDGES = [
-    dict(bands=4, k=2, materials=2, spreads=(0, 0, 0)),
-    dict(bands=4, k=2, materials=2, spreads=(0, 0, 0), sky=False),
+    dict(bands=4, k=2, materials=2, spreads=(0, 0, 0, 0)),
+    dict(bands=4, k=2, materials=2, spreads=(0, 0, 0, 0), sky=False),
     dict(k=4, materials=3, sky=False),
-    dict(bands=100, k=10, materials=30, spreads=(6, 6, 6), shape=(9, 11)),
-    dict(k=1, spreads=(0, 2, 0)),
+    dict(bands=100, k=10, materials=30, spreads=(6, 6, 6, 6), shape=(9, 11)),
+    dict(k=1, spreads=(0, 2, 1, 0)),
     dict(bands=30, k=13),
     dict(shape=(1, 17)),
     dict(shape=(17, 1)),

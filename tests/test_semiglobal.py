@@ -72,6 +72,7 @@ def surroundings(k=3, spread=False, sky=False):
     if sky:
         more["sky"] = (0,)
         more["sky_mean"] = 0.5 * (cold + planck(w, 285.0))
+        more["curve_spread"] = 0.02 * np.stack([cold, np.cos(3 * w)])
         more["sky_spread"] = 0.04 * more["sky_mean"][None] * np.cos(w)
     return Environment(np.stack([cold, *warm]), w, **more)
 
@@ -241,6 +242,7 @@ def slow_unaries(scene, objective, state):
         reflected = (1 - alpha) * (1 - e)
         c = np.eye(w.size) + np.diag((reflected * environment.error_k / 0.1) ** 2)
         rows = [reflected * d / sigma for d in environment.spread]
+        rows += [(1 - alpha) * d / sigma for d in environment.curve_spread]
         rows += [alpha * d / sigma for d in environment.sky_spread]
         rows += [share_sigma * (sky_mean - planck(w, t0)) / sigma]
         return c + sum(np.outer(u, u) for u in rows)

@@ -154,6 +154,7 @@ def test_wrong_libraries(change, word):
         (dict(spread=np.zeros((1, 4))), "spread"),
         (dict(spread=np.zeros(5)), "spread"),
         (dict(spread=np.full((1, 5), np.nan)), "spread"),
+        (dict(curve_spread=np.zeros((1, 4))), "curve_spread"),
         (dict(sky_spread=np.zeros((1, 4))), "sky_spread"),
         (dict(sky_spread=np.zeros((1, 1, 5))), "sky_spread"),
         (dict(sky_mean=np.ones(4)), "sky_mean"),

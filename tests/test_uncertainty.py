@@ -14,6 +14,7 @@ from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
+from texnet.camera.correction import Calibration
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
 from texnet.files.library_io import with_sky
@@ -156,7 +157,7 @@ def test_the_command_takes_it(tmp_path, capsys):
     assert "need 0 to 10 K" in capsys.readouterr().err
 
 
-def test_where_the_noise_was_raised_more_is_unknown():
+def test_where_the_noise_was_raised_or_curves_are_off_more_is_unknown():
     """What is not likely, the more so the more it was raised, and what fits worse than most."""
     p = np.linspace(0.02, 0.98, 25).reshape(5, 5)
     maps = {
@@ -164,14 +165,16 @@ def test_where_the_noise_was_raised_more_is_unknown():
         "residual": np.full((5, 5), 0.25),
     }  # fmt: skip
     for noise, least in ((1.01, 0.0), (1.5, 0.35), (2.0, 0.7), (9.0, 0.7)):
-        np.testing.assert_array_equal(unreliable(maps, noise, 0.25 * noise, 54), p < least)
+        of = Calibration(noise=noise, misfit=0.25 * noise)
+        np.testing.assert_array_equal(unreliable(maps, of, 54), p < least)
+    for curves, least in ((0.005, 0.35), (0.02, 0.7)):
+        np.testing.assert_array_equal(unreliable(maps, Calibration(curves=curves), 54), p < least)
+    raised = Calibration(noise=1.01, misfit=0.25)
     maps["residual"][0] = 0.5  # chi^2 is four times what it is where most fits
-    np.testing.assert_array_equal(unreliable(maps, 1.01, 0.25, 54)[0], True)
+    np.testing.assert_array_equal(unreliable(maps, raised, 54)[0], True)
     maps["residual"][1] = np.nan
-    assert (
-        unreliable(maps, 1.01, 0.25, 54)[:2].all()
-        and not unreliable(maps, 1.01, 0.25, 54)[2:].any()
-    )
+    unknown = unreliable(maps, raised, 54)
+    assert unknown[:2].all() and not unknown[2:].any()
 
 
 @settings(deadline=None, max_examples=20)
@@ -197,6 +200,9 @@ def test_a_level_error_of_a_curve_moves_t_as_eq_1_solved_anew_says(t, e, level):
     sigma = with_level_error(np.full((2, 3), 0.3), maps, library, cube)
     moved = abs(found - t)
     np.testing.assert_allclose(sigma, np.hypot(0.3, moved), rtol=0.1)
+    # what all curves may be off by counts likewise, and adds in squares
+    both = with_level_error(np.full((2, 3), 0.3), maps, library, cube, level)
+    np.testing.assert_allclose(both**2 - 0.3**2, 2 * (sigma**2 - 0.3**2), rtol=1e-3, atol=1e-5)
     maps["material"] += 1
     np.testing.assert_array_equal(
         with_level_error(np.full((2, 3), 0.3), maps, library, cube), np.float32(0.3)

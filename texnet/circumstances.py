@@ -94,9 +94,12 @@ def _with_given(ready, cold, given, how, lap):
     is far hotter; how holds `calibration`'s other arguments."""
     lap("environment")
     found, error_k = error_of_given(cold, given, **how)
+    surroundings = given.off_by(error_k) if error_k else given
+    if found.curves:
+        surroundings = surroundings.with_curves_off_by(found.curves)
     return dict(
         ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
-        environment=given.off_by(error_k) if error_k else given, environment_error_k=error_k,
+        environment=surroundings, environment_error_k=error_k,
         sky_assumed=False, found=found, distance_m=None,
     )  # fmt: skip
 
@@ -120,6 +123,8 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
     if not found.keeps_cube:
         cube = corrected(cube, found, off)
         environment = estimate(cube, assume_sky=assumed)
+        if found.curves:
+            environment = environment.with_curves_off_by(found.curves)
     return dict(
         ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
         sky_assumed=assumed, found=found, distance_m=off and off.metres,

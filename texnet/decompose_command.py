@@ -126,6 +126,7 @@ def _of_answer(d, cube):
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
         "band_gains": d.band_gains, "offset_k": d.offset_k, "air_m": d.air_m, "air_k": d.air_k,
+        "curve_error": d.curve_error,
         "calibration_error_k": d.calibration_error_k, "suspected_error_k": d.suspected_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "materials": materials, "sky_in_library": SKY in d.material_names,
@@ -260,6 +261,11 @@ def _corrections(r):
         yield f"Calibration  radiance {much} too {'high' if off > 0 else 'low'}, {without}"
     if off := np.std(r["band_gains"]):
         yield f"Bands        off among each other by {off:.2%}, {without}"
+    if error := r["curve_error"]:
+        yield (
+            f"Library      likely off by some {error:.2g} in emissivity, by what fits: T, its "
+            "sigma and the materials allow for it"
+        )
     if error := r["suspected_error_k"]:
         yield (
             f"Suspected    a gain, an offset or air before the camera, not sure enough to be taken "

@@ -267,8 +267,10 @@ def _texture(known, h, spectra, chosen, e_of_m, temperature, v, off):
     light = (known.light.flatten(1).t() @ v).unflatten(0, known.nodes_um.shape)
     reflected = ((1 - e_of_m) * (light + deviation[:, None])).mean(1)
     texture = light.mean(1) + deviation
-    of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[d:-1]
-    rendered = (1 - share) * (glow + reflected) + share * of_sky
+    c = d + known.curve_spread.shape[0]
+    of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[c:-1]
+    rendered = (1 - share) * (glow + reflected + known.curve_spread.t() @ off[d:c])
+    rendered = rendered + share * of_sky
     rendered = rendered + of_rows(h.alpha_step, chosen) * off[-1]
     misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
     v_sky = v * known.sky_object[:, None]

@@ -80,6 +80,8 @@ class Decomposition:
     distance_m            (height, width) m of that air before each pixel; None where there is too
                           little to tell
     calibration_error_k   as it was stated, K at 300 K
+    curve_error           one standard deviation by which e of the library's curves is taken to be
+                          off, where pixels are likelier so; sigma holds it. 0 where they fit
     suspected_error_k     K by which T would be another if corrected by a gain, an offset or air
                           that is likelier than none, but not surely there; sigma holds it
     environment_error_k   K by which an environment that was given is likely off, and which T and
@@ -126,6 +128,7 @@ class Decomposition:
     air_k: float = math.nan
     distance_m: np.ndarray | None = None
     calibration_error_k: float = 0.0
+    curve_error: float = 0.0
     suspected_error_k: float = 0.0
     environment_error_k: float = 0.0
     left_out: dict = field(default_factory=dict)
@@ -257,8 +260,9 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
         hue_deg=library.hue_deg, camera_netd_k=ready.camera_netd_k,
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
-        suspected_error_k=found.suspected_k, environment_error_k=of.environment_error_k,
-        left_out=ready.left_out, objective=maps.get("objective", ()), seconds=lap.seconds,
+        curve_error=found.curves, suspected_error_k=found.suspected_k,
+        environment_error_k=of.environment_error_k, left_out=ready.left_out,
+        objective=maps.get("objective", ()), seconds=lap.seconds,
     )  # fmt: skip
 
 
@@ -268,7 +272,7 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     cube, found = of.cube, of.found
     sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
     sigma = sigma_among_neighbours(sigma, t, maps["material"])
-    sigma = with_level_error(sigma, maps, library, cube)
+    sigma = with_level_error(sigma, maps, library, cube, found.curves)
     # an error of the radiance as it came, of which air and a gain were taken
     stated_k = calibration_error_k * cube.netd_k / (found.noise * of.ready.cube.netd_k)
     shared_k = float(np.hypot(stated_k, shared_error_k(found, cube)))
@@ -279,8 +283,8 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     invalid = of.ready.cube.dead | of.saturated
     sigma[invalid] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     unknown = maps["unknown"] | invalid
-    if found.noise > 1:
-        unknown |= unreliable(maps, found.noise, found.misfit, cube.bands)
+    if found.noise > 1 or found.curves:
+        unknown |= unreliable(maps, found, cube.bands)
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 
 

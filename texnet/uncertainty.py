@@ -16,6 +16,7 @@ CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # too high: where they are 0.3 to 0.5, five of six answers are right
 LIKELY, NET_LIKELY = 0.5, 0.3
 SURE = 0.7  # likewise where what is wrong was called noise, of which probabilities know too little
+CURVES_OFF = 0.01  # or where curves are off by so much; in between where by less
 OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
 EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel that says nothing
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
@@ -56,17 +57,17 @@ def fits(residual, bands):
     return residual**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5
 
 
-def unreliable(maps, noise, misfit, bands):
-    """Which pixels (height, width) of maps by name are unknown because the noise was taken to be
-    so many times as much as stated, misfit being what is left of those that fit best, in noise
-    units as stated: what fits clearly worse, though not for noise, or is not likely enough."""
+def unreliable(maps, c, bands):
+    """Which pixels (height, width) of maps by name are unknown because of what a Calibration says
+    of noise and curves: what fits clearly worse than the pixels that fit best, though not for
+    noise, or is not likely enough."""
     out = scratch.empty(maps["material"].shape, bool)
-    least = SURE * min(noise - 1, 1.0)  # no step
+    least = SURE * min(max(c.noise - 1, c.curves / CURVES_OFF), 1.0)  # no step
     for top in range(0, len(out), ROWS):
         part = slice(top, top + ROWS)
         material = maps["material"][None, part].astype(np.intp)
         likely = np.take_along_axis(maps["material_probability"][:, part], material, axis=0)[0]
-        worse = ~fits(maps["residual"][part] * (noise / misfit), bands)
+        worse = ~fits(maps["residual"][part] * (c.noise / c.misfit), bands)
         out[part] = worse | ~(likely >= least)
         for map_ in (maps["material_probability"], maps["residual"]):
             scratch.release(map_)
@@ -123,11 +124,12 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
     return out
 
 
-def with_level_error(sigma, maps, library, cube):
+def with_level_error(sigma, maps, library, cube, curves=0.0):
     """sigma (height, width) K of a map of T, of maps by name, where a material's whole curve may be
-    off by the MaterialLibrary's level_sigma: by Eq. 7 that moves T by -de (B - X) / (e B'), though
-    by no more than is known of a scene's T beforehand. Of sky it moves none."""
-    level = np.where(library.is_sky, 0.0, library.level_sigma)
+    off by the MaterialLibrary's level_sigma, and by what all curves are taken to be: by Eq. 7 that
+    moves T by -de (B - X) / (e B'), though by no more than is known of a scene's T beforehand. Of
+    sky it moves none."""
+    level = np.where(library.is_sky, 0.0, np.hypot(library.level_sigma, curves))
     if not level.any():
         return sigma
     curves = library.of_bands(cube.wavelength_um, cube.fwhm_um)

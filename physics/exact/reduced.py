@@ -21,12 +21,13 @@ everything after that lives in r = n + k dimensions, with no work per band.
 
 The noise is the sensor's (white after division by sigma) plus what the model cannot say:
 true surroundings deviate from the k spectra along `Environment.spread` and
-`skylight_spread`, and by `error_k` in every band, of which m reflects (1 - e_m); the sky's pixels
-scatter about their mean along `Environment.sky_spread`; alpha is known to sigma_alpha:
+`skylight_spread`, and by `error_k` in every band, of which m reflects (1 - e_m); curves that may be
+off move what is not sky along `curve_spread`; the sky's pixels scatter about their mean along
+`Environment.sky_spread`; alpha is known to sigma_alpha:
 
     C = I + diag((1 - alpha)(1 - e_m) error / sigma)^2 + U U'
-    U = [(1 - alpha)(1 - e_m) [spread', skylight_spread'], alpha sky_spread',
-         sigma_alpha (S_sky - B(T_prior))] / sigma
+    U = [(1 - alpha)(1 - e_m) [spread', skylight_spread'], (1 - alpha) curve_spread',
+         alpha sky_spread', sigma_alpha (S_sky - B(T_prior))] / sigma
 
 A mirror is predicted no better than its surroundings are known.
 
@@ -251,6 +252,7 @@ def _rows(of, series, light, reflected, environment, sigma, black):
         [
             reflected * environment.spread / sigma,
             reflected * environment.skylight_spread / sigma,
+            (1 - share) * (environment.curve_spread / sigma),
             share * environment.sky_spread / sigma,
             of.share_sigma[:, None, None] * ((sky_mean - black) / sigma),
         ],

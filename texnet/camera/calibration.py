@@ -15,10 +15,14 @@ to make up for, and their evidence loses. So the noise is first taken to be FIRS
 stated (of few bands MORE times: at so much noise they tell no materials), and then MORE times what
 is left even of the pixels that fit best, until that does not change (`_left`). If it is the noise
 that was stated, all is well. If not, it may be the bands among each other, if with gains of their
-own (`band_gains`) nothing else is left. Else it is the library's curves, or k is too small: MORE
-times what is left (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just
-fits, because what is wrong is so in many bands and pixels alike and misleads more than noise; and
-T, to which all bands add up, may be off by SHARED times as much in all pixels alike.
+own (`band_gains`) nothing else is left; or the library's curves, if pixels of most materials are
+likelier with an error of theirs (`curve_error`) and nothing else is left then. That is asked in any
+case, since mirrors make up for wrong curves best; but not behind air, which absorbs otherwise than
+ours, nor of few bands, which tell materials by little but their level. Else curves are off by more,
+a material is missing, or k is too small: MORE times what is left (MORE_OF_FEW, of few bands) is
+taken for noise, by and by from where it just fits, because what is wrong is so in many bands and
+pixels alike and misleads more than noise; and T, to which all bands add up, may be off by SHARED
+times as much in all pixels alike.
 
 Where no sky is in view, all this but wavelengths and the air is looked at without a sky, and
 whether pixels are likelier with one that is assumed (`sky_is_likelier`) before it is looked at with
@@ -27,7 +31,7 @@ environment is off (`error_of_given`).
 
 The constants, here and there, were found on scenes outside the test sets with 9 and 54 bands: right
 cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1 % among each other,
-libraries whose curves are 1 to 5 % wrong or that lack a common material, little sky in view,
+libraries whose curves are 0.5 to 10 % wrong or that lack a common material, little sky in view,
 wavelengths off by a tenth of a band.
 """
 
@@ -52,6 +56,7 @@ from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, Calibration, Distances, corrected, corrected_environment, lifted_nats
+from .curve_error import asked_by_most, likeliest_curves
 from .distances import far, likeliest_octaves
 from .nats import Nats
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
@@ -69,6 +74,9 @@ RISE = 0.1  # more than that, and it is not right
 # used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
+# left even of the pixels that fit best, at most, where curves are allowed to be off: on scenes used
+# for tuning 0.75 to 0.91, where bands were off or k was 1 up to 9
+CURVES_LEAVE = 0.95
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
@@ -106,7 +114,8 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
         if evened is not None and 0 < (left := scene.left(evened)) <= _just(cube):
             fit = fit._replace(found=evened, left=left, unfit=())
     suspected_k = _suspected_k(scene, nats_of, fit.found, [*suspected, *fit.unfit], fit.noise)
-    return _with_noise(fit.found._replace(suspected_k=suspected_k), fit.left, cube)
+    found = _explained(scene, nats_of, fit.found, fit.left, fit.noise)
+    return found._replace(suspected_k=suspected_k)
 
 
 class _Fit(NamedTuple):
@@ -209,6 +218,20 @@ def _with_noise(found, misfit, cube):
     return found._replace(noise=noise, misfit=misfit, shared=shared) if noise > 1 else found
 
 
+def _explained(scene, nats_of, found, left, noise):
+    """A Calibration that was found of a _Scene with what explains what it leaves: curves that are
+    off, if nothing is left then, or noise. Distances are what they are at a noise."""
+    off = None if found.air or _few(scene.part) else likeliest_curves(nats_of, found)
+    if off:
+        maps = scene.corrected_maps(off.found, noise)
+        material = maps["material"].ravel()
+        ground = material != scene.library.sky_index
+        most = asked_by_most(off.gained[ground], material[ground])
+        if most and 0 < scene.quartile(maps) <= CURVES_LEAVE:
+            return off.found
+    return _with_noise(found, left, scene.part)
+
+
 def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_out=None):
     """Whether the pixels of a HeatCube without sky in view are likelier by SKY_WORTH in an
     Environment with a sky that is assumed than in the one without, in which the camera was found
@@ -220,7 +243,7 @@ def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_ou
     part = _sample(cube, left_out)
     if part is None:
         return False
-    look, found = looks(), found._replace(noise=1.0, misfit=1.0, shared=0.0)
+    look, found = looks(), found._replace(noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
     seen = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
     if len(seen) < LEAST_MATERIALS:
         return False
@@ -233,27 +256,32 @@ def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_ou
 
 def error_of_given(cube, environment, looks, library, left_out=None):
     """Of an Environment that was taken elsewhere or at another time than a HeatCube: the
-    Calibration, of the noise alone, and K by which the Environment is likely off, 0 if it is not.
-    Arguments as of `calibration`.
+    Calibration, of noise or curves alone, and K by which the Environment is likely off, 0 if it is
+    not. Arguments as of `calibration`.
 
     It is off if so the pixels are likelier by ERROR_WORTH, and more than by a gain or an offset of
-    the camera. What it does not explain as it was given may as well be of the library or the
-    camera, which mislead likewise, so it is noise, too."""
+    the camera or by curves that are off. What it does not explain as it was given may as well be of
+    the library or the camera, which mislead likewise, so it is noise, too."""
     part = _sample(cube, left_out)
     if part is None:
         return RIGHT, 0.0
     of = {k: _Scene(part, environment.off_by(k), library, looks) for k in (0.0, *ERRORS_K)}
-    look, noisy = looks(), _with_noise(RIGHT, of[0.0].left(RIGHT), cube)
-    all_nats = Nats(lambda k: of[k].nats(look, RIGHT), look.at_once).each(of)
-    loss = losses(all_nats)
-    likeliest = min(loss, key=loss.get)
-    if not np.isfinite(loss[likeliest]) or loss[0.0] - loss[likeliest] < ERROR_WORTH:
-        return noisy, 0.0
+    look, left = looks(), of[0.0].left(RIGHT)
     nats_of = Nats(partial(of[0.0].nats, look), look.at_once)
+    all_nats = Nats(lambda k: of[k].nats(look, RIGHT), look.at_once).each(of)
+    explained = _explained(of[0.0], nats_of, RIGHT, left, 1.0)
+    others = nats_of.each([explained]) if explained.curves else {}
+    loss = losses(all_nats | others)
+    likeliest = min(loss, key=loss.get)
+    worth = loss[0.0] - loss[likeliest] if np.isfinite(loss[likeliest]) else 0.0
+    if likeliest in others or worth < ERROR_WORTH:
+        return explained, 0.0
     camera, suspected = one_error(nats_of, environment.sky_mean is not None, LEVELS)
     cameras = *first_look(LEVELS), camera, *suspected
     loss = losses(all_nats | nats_of.each(cameras))
-    return noisy, likeliest if min(loss, key=loss.get) == likeliest else 0.0
+    if min(loss, key=loss.get) != likeliest:
+        return explained, 0.0
+    return _with_noise(RIGHT, left, cube), likeliest
 
 
 class _Scene(NamedTuple):

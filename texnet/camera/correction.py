@@ -29,6 +29,7 @@ class Calibration(NamedTuple):
     misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
     shared   error that all bands may share for it, in stated noise units
     suspected_k  K by which T would be another, corrected by what is likelier but not surely there
+    curves   error of the library's emissivity that is allowed for
     bands    their gains among each other; () if they agree
     air      Air between scene and camera; None if there is too little to tell
     """
@@ -40,6 +41,7 @@ class Calibration(NamedTuple):
     misfit: float = 1.0
     shared: float = 0.0
     suspected_k: float = 0.0
+    curves: float = 0.0
     bands: tuple[float, ...] = ()
     air: Air | None = None
 
@@ -50,8 +52,9 @@ class Calibration(NamedTuple):
 
     @property
     def keeps_radiance(self):
-        """Whether nothing is wrong but the noise and the wavelengths."""
-        return self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0).keeps_cube
+        """Whether nothing is wrong but the noise, the wavelengths and the library's curves."""
+        alone = self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
+        return alone.keeps_cube
 
     def of_bands(self, n):
         """(n,) the gains among each other of so many bands."""
@@ -124,12 +127,13 @@ def corrected_environment(environment, c):
     radiance, sky = _corrected(environment.radiance, offset, gain), list(environment.sky)
     radiance[sky] = _corrected(environment.radiance[sky], own_offset, own_gain)
     mean = environment.sky_mean
-    return replace(
+    environment = replace(
         environment, radiance=radiance, spread=environment.spread / gain,
         skylight_spread=environment.skylight_spread / own_gain,
         sky_spread=environment.sky_spread / gain,
         sky_mean=None if mean is None else _corrected(mean, offset, gain),
     )  # fmt: skip
+    return environment.with_curves_off_by(c.curves) if c.curves else environment
 
 
 def _offset_and_gain(wavelength_um, c):
