@@ -30,12 +30,12 @@ class Environment(ReadOnly):
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
     error_k        what is left of that deviation in every band, as an NETD: K at 300 K
-    curve_spread   (d, bands) one-sigma deviations of what is no sky, since its curve may be off
     sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
                    pixel can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
     within         (len(sky), bands, n) the sky's objects at n wavelengths within each band, as
                    `bands.quadrature` has them, in whatever unit; None: even
+    curve_spread   (d, bands) one-sigma deviations of what is no sky, since its curve may be off
 
     Raises InputError where the data are not that.
     """
@@ -46,10 +46,10 @@ class Environment(ReadOnly):
     spread: np.ndarray | None = None
     skylight_spread: np.ndarray | None = None
     error_k: float = 0.0
-    curve_spread: np.ndarray | None = None
     sky_mean: np.ndarray | None = None
     sky_spread: np.ndarray | None = None
     within: np.ndarray | None = None
+    curve_spread: np.ndarray | None = None
 
     def __post_init__(self):
         w = check_wavelength(self.wavelength_um, "environment")
@@ -168,7 +168,7 @@ class Environment(ReadOnly):
         deviation, 0..1), smoothly over SMOOTH_UM: by Eq. 1 that moves a spectrum by de (B - X).
 
         B is that of what is as warm as these objects and up to some 15 K warmer or colder, V as
-        likely as it is a priori.
+        likely as it is a priori. What was said of curves before no longer counts.
 
         Raises InputError where error is not 0-1."""
         error = numbers(error, "environment: with_curves_off_by")

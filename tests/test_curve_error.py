@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from traced import names_of, one_thread, right, traced  # noqa: F401
 
 import texnet.camera.calibration
-from physics import InputError, MaterialLibrary
+from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import SMOOTH_UM, Environment
 from physics.planck import planck, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K, lighting_scale
-from texnet.camera.curve_error import asked_by_most
+from texnet.camera.curve_error import asked_by_most, what_noise_leaves
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
 
@@ -47,7 +47,7 @@ def test_it_moves_spectra_as_random_errors_of_curves_do_by_eq_1(seed, error):
     glow = planck(W, 285.0) + t * planck_derivative(W, 285.0)  # the air's, and all but the warm's
     off = de * (glow - light)
     rows = AROUND.with_curves_off_by(error).curve_spread
-    np.testing.assert_allclose(rows.T @ rows, off.T @ off / n, atol=0.05 * (off**2).mean(0).max())
+    np.testing.assert_allclose(rows.T @ rows, off.T @ off / n, atol=0.1 * (off**2).mean(0).max())
 
 
 def test_no_error_moves_nothing_and_a_larger_one_in_proportion():
@@ -59,14 +59,32 @@ def test_no_error_moves_nothing_and_a_larger_one_in_proportion():
             AROUND.with_curves_off_by(wrong)
 
 
-@given(st.lists(st.tuples(st.integers(0, 4), st.floats(-20, 20)), min_size=1, max_size=60))
-def test_most_materials_ask_whatever_they_are_called_and_how_many_pixels_they_have(pixels):
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(-20, 20)), min_size=1, max_size=99))
+def test_most_materials_ask_whatever_they_are_called_and_in_whatever_order(pixels):
     material, gained = (np.array(a) for a in zip(*pixels, strict=True))
     asked = asked_by_most(gained, material)
     assert asked == asked_by_most(gained[::-1], 9 - material[::-1])
-    assert asked == asked_by_most(np.tile(gained, 3), np.tile(material, 3)) or len(pixels) < 40
-    if gained.max() <= 0:
+    if gained.max() <= 0 or len(np.unique(material)) == 1:
         assert not asked
+
+
+def test_a_material_that_is_missing_asks_in_vain_however_much_it_gains():
+    material = np.repeat([0, 1, 2], [200, 20, 20])
+    gained = np.where(material == 0, 20.0, -0.5)
+    assert gained.mean() > 10 and not asked_by_most(gained, material)
+    assert asked_by_most(np.where(material == 2, -0.5, 1.0), material)
+
+
+@given(st.integers(2, 40), st.floats(0.001, 0.05), st.integers(0, 99))
+def test_noise_leaves_what_a_sample_of_it_leaves(bands, error, seed):
+    w = np.linspace(8, 14, bands)
+    s = np.stack([0.6 * planck(w, 285.0), planck(w, 285.0), planck(w, 295.0)])
+    around = Environment(s, w, (0,)).with_curves_off_by(error)
+    cube = HeatCube(np.ones((bands, 1, 1)) * planck(w, 290.0)[:, None, None], w, netd_k=0.05)
+    u = (around.curve_spread / cube.sigma).T
+    n = np.random.default_rng(seed).normal(size=(bands, 20_000))
+    left = np.linalg.solve(np.eye(bands) + u @ u.T, n)
+    assert what_noise_leaves(cube, around) == pytest.approx(np.sqrt((left**2).mean()), rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -94,3 +112,13 @@ def test_a_material_that_the_library_lacks_is_no_error_of_all_curves():
     commonest = max((c, n) for n, c in zip(names, count, strict=True) if n != "sky")[1]
     left = LIBRARY.subset([n for n in LIBRARY.names if n != commonest])
     assert decompose(cube, left).curve_error == 0
+
+
+@pytest.mark.parametrize(("k", "bands"), [(1, 54), (2, 54), (None, 18)])
+def test_bands_off_among_each_other_are_no_error_of_curves(k, bands):
+    cube, truth = traced("forest", bands)
+    gains = 1 + 0.03 * np.random.default_rng(1).normal(size=bands)
+    off = replace(cube, radiance=(cube.radiance.T * gains.astype(np.float32)).T)
+    d = decompose(off, k=k)
+    assert d.curve_error == 0
+    assert evaluate(d, truth)["within_2_sigma"] > 0.95

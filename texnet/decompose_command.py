@@ -263,8 +263,8 @@ def _corrections(r):
         yield f"Bands        off among each other by {off:.2%}, {without}"
     if error := r["curve_error"]:
         yield (
-            f"Library      likely off by some {error:.2g} in emissivity, by what fits: T, its "
-            "sigma and the materials allow for it"
+            f"Library      likely off by {error:.2g} in emissivity or more, by what fits: T, "
+            "its sigma and the materials allow for that"
         )
     if error := r["suspected_error_k"]:
         yield (

@@ -57,7 +57,7 @@ class Decomposition:
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),
                           likewise; where sky is (), the residual instead, in noise units
     residual              root mean square of S - S~ in noise units, less what deviations of
-                          the surroundings from the k objects explain
+                          the surroundings from the k objects, and of curves, explain
     temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the
                           calibration, stated and found, included; 15 K and more where the pixel
                           is saturated or dead

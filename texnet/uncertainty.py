@@ -124,12 +124,12 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
     return out
 
 
-def with_level_error(sigma, maps, library, cube, curves=0.0):
+def with_level_error(sigma, maps, library, cube, curve_error=0.0):
     """sigma (height, width) K of a map of T, of maps by name, where a material's whole curve may be
     off by the MaterialLibrary's level_sigma, and by what all curves are taken to be: by Eq. 7 that
     moves T by -de (B - X) / (e B'), though by no more than is known of a scene's T beforehand. Of
     sky it moves none."""
-    level = np.where(library.is_sky, 0.0, np.hypot(library.level_sigma, curves))
+    level = np.where(library.is_sky, 0.0, np.hypot(library.level_sigma, curve_error))
     if not level.any():
         return sigma
     curves = library.of_bands(cube.wavelength_um, cube.fwhm_um)

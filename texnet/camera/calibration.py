@@ -56,7 +56,7 @@ from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, Calibration, Distances, corrected, corrected_environment, lifted_nats
-from .curve_error import asked_by_most, likeliest_curves
+from .curve_error import asked_by_most, likeliest_curves, what_noise_leaves
 from .distances import far, likeliest_octaves
 from .nats import Nats
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
@@ -74,9 +74,9 @@ RISE = 0.1  # more than that, and it is not right
 # used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
-# left even of the pixels that fit best, at most, where curves are allowed to be off: on scenes used
-# for tuning 0.75 to 0.91, where bands were off or k was 1 up to 9
-CURVES_LEAVE = 0.95
+# times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
+# to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
+CURVES_LEAVE = 1.1
 RAMP = 0.3  # so much more, and all that is left is noise
 MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
 SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
@@ -113,8 +113,9 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
         if evened is not None and 0 < (left := scene.left(evened)) <= _just(cube):
             fit = fit._replace(found=evened, left=left, unfit=())
-    suspected_k = _suspected_k(scene, nats_of, fit.found, [*suspected, *fit.unfit], fit.noise)
-    found = _explained(scene, nats_of, fit.found, fit.left, fit.noise)
+    rivals = [*suspected, *fit.unfit]
+    suspected_k = _suspected_k(scene, nats_of, fit.found, rivals, fit.noise)
+    found = _explained(scene, nats_of, fit.found, fit.left, rivals)
     return found._replace(suspected_k=suspected_k)
 
 
@@ -218,18 +219,23 @@ def _with_noise(found, misfit, cube):
     return found._replace(noise=noise, misfit=misfit, shared=shared) if noise > 1 else found
 
 
-def _explained(scene, nats_of, found, left, noise):
+def _explained(scene, nats_of, found, left, rivals=()):
     """A Calibration that was found of a _Scene with what explains what it leaves: curves that are
-    off, if nothing is left then, or noise. Distances are what they are at a noise."""
-    off = None if found.air or _few(scene.part) else likeliest_curves(nats_of, found)
+    off, if nothing is left then and no rival explains it better, or noise."""
+    part, off = scene.part, None
+    if not (found.air or _few(part) or len(scene.environment) < LEAST_OBJECTS):
+        off = likeliest_curves(nats_of, found, rivals)
     if off:
-        maps = scene.corrected_maps(off.found, noise)
+        surroundings = corrected_environment(scene.environment, off.found)
+        taken = corrected(part, off.found)
+        maps = scene.maps(surroundings, taken)
         material = maps["material"].ravel()
         ground = material != scene.library.sky_index
         most = asked_by_most(off.gained[ground], material[ground])
-        if most and 0 < scene.quartile(maps) <= CURVES_LEAVE:
+        leaves = scene.quartile(maps) / what_noise_leaves(taken, surroundings)
+        if most and 0 < leaves <= CURVES_LEAVE:
             return off.found
-    return _with_noise(found, left, scene.part)
+    return _with_noise(found, left, part)
 
 
 def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_out=None):
@@ -269,7 +275,7 @@ def error_of_given(cube, environment, looks, library, left_out=None):
     look, left = looks(), of[0.0].left(RIGHT)
     nats_of = Nats(partial(of[0.0].nats, look), look.at_once)
     all_nats = Nats(lambda k: of[k].nats(look, RIGHT), look.at_once).each(of)
-    explained = _explained(of[0.0], nats_of, RIGHT, left, 1.0)
+    explained = _explained(of[0.0], nats_of, RIGHT, left)
     others = nats_of.each([explained]) if explained.curves else {}
     loss = losses(all_nats | others)
     likeliest = min(loss, key=loss.get)

@@ -130,7 +130,7 @@ def corrected_environment(environment, c):
     environment = replace(
         environment, radiance=radiance, spread=environment.spread / gain,
         skylight_spread=environment.skylight_spread / own_gain,
-        sky_spread=environment.sky_spread / gain,
+        curve_spread=environment.curve_spread / gain, sky_spread=environment.sky_spread / gain,
         sky_mean=None if mean is None else _corrected(mean, offset, gain),
     )  # fmt: skip
     return environment.with_curves_off_by(c.curves) if c.curves else environment

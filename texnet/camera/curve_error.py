@@ -3,10 +3,13 @@
 Curves measured elsewhere are off by a per cent or so, smoothly, which under a cold sky is more than
 a camera's noise: a wrong material, or a mirror, then fits better than the right one. If all curves
 may be off by de (`Environment.with_curves_off_by`), every pixel pays for that freedom, and those
-that need it gain. Of some de that is looked for by which the pixels are likeliest. They must be so
-by WORTH, and half of the materials must gain: what the library lacks asks for it in its own pixels
-alone, and all others pay. Since wrong materials that fit by chance ask for less than the right ones
-need, the largest de is taken that gains NEARLY as much.
+that need it gain. So of some de that is taken by which the pixels are likeliest, if they are so by
+WORTH, if no rival, such as a gain that is suspected, makes them likelier, and if it is not the last
+that is tried. Wrong materials that fit by chance ask for less than the right ones need, so it may
+be less than the curves are off by.
+
+What the library lacks asks for it in its own pixels, and all others pay: so most materials must
+gain (`asked_by_most`). And nothing else may be left (`what_noise_leaves`).
 """
 
 from typing import NamedTuple
@@ -19,42 +22,50 @@ ERRORS = 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08  # de, one standard deviation
 FIRST = 0.0025, 0.01  # of which one at least is likelier than none, or none is
 MOST = 20.0  # nats that a pixel counts: those of a mixed one mean nothing
 NOTHING = 1e9  # nats, or more: what looks like nothing
-WORTH, NEARLY = 0.25, 0.8  # nats per pixel; of the most that any gains
-LEAST_OF_KIND = 8  # pixels of a material
+WORTH = 0.25  # nats per pixel
+LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
 
 
 class Off(NamedTuple):
-    """A Calibration with an error of the curves, and the nats (P,) by which pixels are likelier
-    with the likeliest."""
+    """A Calibration with an error of the curves, and the nats (P,) by which pixels are likelier."""
 
     found: Calibration
     gained: np.ndarray
 
 
-def likeliest_curves(nats_of, found):
-    """Off, beside the Calibration found; None where no error of the curves is WORTH it.
+def likeliest_curves(nats_of, found, rivals=()):
+    """Off, of the error of curves by which pixels are likeliest, beside the Calibration found; None
+    where none is to be taken.
 
     nats_of  Nats of the pixels, corrected by a Calibration
+    rivals   Calibrations that may be right instead
     """
-    gained = {}
     for some in (FIRST, ERRORS):
         off = [found._replace(curves=e) for e in some]
-        nats = nats_of.each([found, *off])
+        nats = nats_of.each([found, *off, *rivals])
         least = np.minimum(np.min(list(nats.values()), axis=0), NOTHING)
         loss = {c: np.minimum(n - least, MOST) for c, n in nats.items()}
-        gained = {c: loss[found] - loss[c] for c in off}
-        likeliest = max(off, key=lambda c: gained[c].mean())
-        most = gained[likeliest].mean()
-        if most <= 0:
+        best = min(off, key=lambda c: loss[c].mean())
+        gained = loss[found] - loss[best]
+        if gained.mean() <= 0:
             return None
-    if most < WORTH:
+    likelier = any(loss[c].mean() < loss[best].mean() for c in rivals)
+    if gained.mean() < WORTH or likelier or best.curves == ERRORS[-1]:
         return None
-    largest = [c for c in off if gained[c].mean() >= NEARLY * most][-1]
-    return Off(largest, gained[likeliest])
+    return Off(best, gained)
 
 
 def asked_by_most(gained, material):
-    """Whether half of the materials (P,), indices, gain nats."""
+    """Whether the median material gains, of pixels' nats (P,) and materials (P,), indices."""
     kinds, count = np.unique(material, return_counts=True)
     of_kind = [gained[material == m].mean() for m in kinds[count >= LEAST_OF_KIND]]
-    return bool(of_kind and np.median(of_kind) > 0)
+    return len(of_kind) >= LEAST_KINDS and bool(np.median(of_kind) > 0)
+
+
+def what_noise_leaves(cube, environment):
+    """Residual, in noise units, of nothing but a HeatCube's noise in an Environment whose curves
+    may be off, as these explain some of it: of C = 1 + U U', the root mean square of C^-1 n."""
+    u = environment.curve_spread / cube.sigma
+    explained = np.zeros(cube.bands)
+    explained[: min(u.shape)] = np.linalg.svd(u, compute_uv=False) ** 2
+    return float(np.sqrt(np.mean((1 + explained) ** -2)))
