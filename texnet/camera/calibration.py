@@ -18,11 +18,11 @@ that was stated, all is well. If not, it may be the bands among each other, if w
 own (`band_gains`) nothing else is left; or the library's curves, if pixels of most materials are
 likelier with an error of theirs (`curve_error`) and nothing else is left then. That is asked in any
 case, since mirrors make up for wrong curves best; but not behind air, which absorbs otherwise than
-ours, nor of few bands, which tell materials by little but their level. Else curves are off by more,
-a material is missing, or k is too small: MORE times what is left (MORE_OF_FEW, of few bands) is
-taken for noise, by and by from where it just fits, because what is wrong is so in many bands and
-pixels alike and misleads more than noise; and T, to which all bands add up, may be off by SHARED
-times as much in all pixels alike.
+ours, nor of few bands, which tell materials by little but their level, nor with one object. Else
+curves are off by more, a material is missing, or k is too small: MORE times what is left
+(MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just fits, because what is
+wrong is so in many bands and pixels alike and misleads more than noise; and T, to which all bands
+add up, may be off by SHARED times as much in all pixels alike.
 
 Where no sky is in view, all this but wavelengths and the air is looked at without a sky, and
 whether pixels are likelier with one that is assumed (`sky_is_likelier`) before it is looked at with
