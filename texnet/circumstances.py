@@ -5,10 +5,9 @@ Bad bands are left out, the noise is what the cube shows, if another than stated
 wavelengths are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`).
 Then come the environment, from the cube; a sky that is not in view, if nothing else explains the
 pixels, and the camera's wavelengths, gains or offset or the air before it, if these show them, or
-curves that are off, if most materials ask for it, or
-more noise, if nothing fits (`camera.calibration`); how much of that air is before each pixel
-(`camera.distances`); and the environment again, from the cube as a right camera would have shown
-it.
+curves that are off, if most materials ask for it, or more noise, if nothing fits
+(`camera.calibration`); how much of that air is before each pixel (`camera.distances`); and the
+environment again, from the cube as a right camera would have shown it.
 """
 
 from dataclasses import replace
@@ -123,9 +122,7 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
         off = distances(cold, environment, clear, how["looks"](), len(library), found)
     if not found.keeps_cube:
         cube = corrected(cube, found, off)
-        environment = estimate(cube, assume_sky=assumed)
-        if found.curves:
-            environment = environment.with_curves_off_by(found.curves)
+        environment = estimate(cube, assume_sky=assumed).with_curves_off_by(found.curves)
     return dict(
         ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
         sky_assumed=assumed, found=found, distance_m=off and off.metres,
