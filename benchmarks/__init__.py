@@ -5,6 +5,7 @@ accuracy     errors and time of every method against the number of bands; confus
 chart        accuracy against time, beside classical methods
 speed        seconds and memory, beside what others use
 stability    where methods fail, and whether they say so; atlas draws and writes it up
+knowable     what a pixel can tell whatever the method, in pictures
 sigma        whether another sigma of T could hold what it should
 netd         how well the noise is found where it is not stated
 automatic_k  k by evidence against the best fixed k
