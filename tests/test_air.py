@@ -376,7 +376,7 @@ def test_the_command_says_so(tmp_path, capsys):
 
 def test_fine_tuning_sees_the_cube_without_it():
     cube, truth = traced("forest", 54)
-    clear = calibrated(behind(cube, truth, 200.0), LIBRARY, shipped_network())[0]
+    clear = calibrated(behind(cube, truth, 200.0), LIBRARY, shipped_network()).cube
     ground, w = names_of(truth) != "sky", cube.wavelength_um[:, None]
     of = lambda c: brightness_temperature(w, c.radiance[:, ground])[-1]
     # in the most opaque band

@@ -1,10 +1,10 @@
-"""Curves of a library that are off are allowed for, where most of a scene's materials say so."""
+"""Curves of a library that are off are allowed for, where half of a scene's materials say so."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from traced import names_of, one_thread, right, traced  # noqa: F401
 
@@ -13,7 +13,7 @@ from physics import HeatCube, InputError, MaterialLibrary
 from physics.environment import SMOOTH_UM, Environment
 from physics.planck import planck, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K, lighting_scale
-from texnet.camera.curve_error import asked_by_most, what_noise_leaves
+from texnet.camera.curve_error import asked_by_half, what_noise_leaves
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
 
@@ -59,20 +59,23 @@ def test_no_error_moves_nothing_and_a_larger_one_in_proportion():
             AROUND.with_curves_off_by(wrong)
 
 
-@given(st.lists(st.tuples(st.integers(0, 4), st.integers(-20, 20)), min_size=1, max_size=99))
-def test_most_materials_ask_whatever_they_are_called_and_in_whatever_order(pixels):
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(-20, 20)), min_size=1, max_size=40))
+@example([(m, g) for m, g in ((0, 20), (1, -1)) for _ in range(8)])
+@example([(m, g) for m, g in ((0, 9), (1, 8), (2, -1)) for _ in range(8)])
+def test_half_of_the_materials_ask_whatever_they_are_called_and_in_whatever_order(pixels):
     material, gained = (np.array(a) for a in zip(*pixels, strict=True))
-    asked = asked_by_most(gained, material)
-    assert asked == asked_by_most(gained[::-1], 9 - material[::-1])
-    if gained.max() <= 0 or len(np.unique(material)) == 1:
-        assert not asked
+    asked = asked_by_half(gained, material)
+    assert asked == asked_by_half(gained[::-1], 9 - material[::-1])
+    enough = [m for m in range(5) if (material == m).sum() >= 8]
+    gain = [m for m in enough if gained[material == m].sum() > 0]
+    assert asked == (len(gain) > 1 and 2 * len(gain) >= len(enough))
 
 
 def test_a_material_that_is_missing_asks_in_vain_however_much_it_gains():
     material = np.repeat([0, 1, 2], [200, 20, 20])
     gained = np.where(material == 0, 20.0, -0.5)
-    assert gained.mean() > 10 and not asked_by_most(gained, material)
-    assert asked_by_most(np.where(material == 2, -0.5, 1.0), material)
+    assert gained.mean() > 10 and not asked_by_half(gained, material)
+    assert asked_by_half(np.where(material == 2, -0.5, 1.0), material)
 
 
 @given(st.integers(2, 40), st.floats(0.001, 0.05), st.integers(0, 99))
@@ -97,6 +100,7 @@ def test_curves_that_are_off_are_allowed_for_and_more_is_right(name, method, err
     assert same.curve_error == 0
     d = decompose(cube, with_errors(error), method=method)
     assert error / 4 <= d.curve_error <= 2 * error and d.noise_raised == 1
+    assert d.suspected_error_k == 0  # whatever it was looks far less likely than curves
     found = evaluate(d, truth)
     assert found["within_2_sigma"] > 0.93 and found["accuracy_answered"] > 0.85
     monkeypatch.setattr(texnet.camera.calibration, "likeliest_curves", lambda *_: None)

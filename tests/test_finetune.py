@@ -32,7 +32,7 @@ from texnet.files.weights import load_network, save_network
 from texnet.learned import shipped_network, torch_model
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
-from training.crops import Crops
+from training.crops import Crops, Seen
 from training.finetune import calibrated, finetune
 from training.reshade import ReshadedSet
 from training.samples import draw
@@ -314,23 +314,23 @@ def test_what_validates_is_not_what_trains(cache, cube, monkeypatch):
 @pytest.mark.parametrize("of", [12, 1])
 def test_all_that_is_held_out_is_measured(cache, cube, monkeypatch, of):
     monkeypatch.setattr(module, "HELD_OUT", 3)
-    seen = set()
+    crops = set()
 
-    class Seen:
+    class Measuring:
         def measures(self, sample, _):
-            seen.add(sample.radiance.sum().item())
+            crops.add(sample.radiance.sum().item())
             return {"eq1": 0.0}
 
     bands = cube.wavelength_um, cube.fwhm_um
     bright = [HeatCube(cube.radiance * (1 + i / 99), *bands, 0.05) for i in range(of)]
-    module._measure(Seen(), Crops(bright, [False] * of, with_sky(NEW), 0, 64))
-    assert len(seen) == of
-    seen.clear()
+    module._measure(Measuring(), Crops(map(Seen, bright), with_sky(NEW), 0, 64))
+    assert len(crops) == of
+    crops.clear()
     measure = module._measure
-    monkeypatch.setattr(module, "_measure", lambda _, draws: measure(Seen(), draws))
+    monkeypatch.setattr(module, "_measure", lambda _, draws: measure(Measuring(), draws))
     monkeypatch.setattr(module, "fit", lambda *_, **__: None)
     finetune(network(), NEW, cache, scenes=1, epochs=1)
-    assert len(seen) == 3
+    assert len(crops) == 3
 
 
 @pytest.mark.parametrize("what", ["checkpoint", "scene"])
@@ -352,7 +352,7 @@ def test_a_damaged_file_of_the_cache_is_named(tmp_path, what, monkeypatch):
 
 def test_many_cubes_take_few_open_files(cube):
     """Workers share tensors by an open file each, of which many systems allow 1024."""
-    many = Crops([cube] * 3, [False] * 3, NEW, 0, 96)
+    many = Crops([Seen(cube)] * 3, NEW, 0, 96)
     tensors = [a for c in many.cubes for a in c if isinstance(a, torch.Tensor)]
     assert len(tensors) == 3 and not any(
         isinstance(a, torch.Tensor) for c in many.cubes for k in c[-1] for a in k.values()
@@ -368,51 +368,65 @@ def test_a_cube_that_does_not_fit_is_told(cube, cache):
 
 def test_crops_are_small_and_know_the_whole_cube(cube):
     tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
-    both = Crops([tall, cube], [False] * 2, NEW, 0, 96)
+    both = Crops([Seen(tall), Seen(cube)], NEW, 0, 96)
     assert len(both) == 2
     shapes = {tuple(both[i][0].radiance.shape) for i in range(4)}
     assert shapes == {(20, 96, 24), (20, 24, 24)}
     sample, _ = both[2]
-    again, _ = Crops([tall, cube], [False] * 2, NEW, 0, 96)[2]
+    again, _ = Crops([Seen(tall), Seen(cube)], NEW, 0, 96)[2]
     assert torch.equal(sample.radiance, again.radiance) and sample.material is None
     environments = [k["environment"] for k in both.cubes[0][-1]]
     assert any(np.array_equal(sample.known.environment, e) for e in environments)
     narrow = MaterialLibrary(NEW.names, [9.0, 12.0], NEW.at([9.0, 12.0]))
     with pytest.raises(InputError, match="its curves cover 9-12 um"):
-        Crops([cube], [False], narrow, 0, 96)
+        Crops([Seen(cube)], narrow, 0, 96)
     pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
-    assert len(Crops([pixel], [False], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
+    assert len(Crops([Seen(pixel)], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
 
 
 def test_a_camera_s_gain_is_not_learned():
     seen = traced_cube("forest", 54)[0]
     bright = HeatCube(1.03 * seen.radiance, seen.wavelength_um, seen.fwhm_um, seen.netd_k)
-    right, taken = (calibrated(c, STARTER, shipped_network())[0] for c in (seen, bright))
+    right, taken = (calibrated(c, STARTER, shipped_network()).cube for c in (seen, bright))
     np.testing.assert_array_equal(right.radiance, seen.radiance)
     assert np.median(taken.radiance / seen.radiance) == pytest.approx(1, abs=0.005)
     fine = HeatCube(seen.radiance, seen.wavelength_um, seen.fwhm_um, 0.005)
     as_taken = decompose(fine, model=torch_model()).netd_k
-    assert calibrated(fine, STARTER, shipped_network())[0].netd_k == as_taken
+    assert calibrated(fine, STARTER, shipped_network()).cube.netd_k == as_taken
 
 
 def test_a_sky_that_decompose_assumes_is_learned_with():
     seen = traced_cube("forest", 54)[0]
     below = HeatCube(seen.radiance[:, 30:], seen.wavelength_um, seen.fwhm_um, seen.netd_k)
-    right, assumed = calibrated(below, STARTER, shipped_network())
-    assert assumed == decompose(below, model=torch_model()).sky_assumed
+    taken = calibrated(below, STARTER, shipped_network())
+    assert taken.sky_assumed == decompose(below, model=torch_model()).sky_assumed
     for assume in (False, True):
-        skies = [
-            k["sky_object"].sum() for k in Crops([right], [assume], STARTER, 0, 96).cubes[0][-1]
-        ]
+        crops = Crops([Seen(taken.cube, assume)], STARTER, 0, 96)
+        skies = [k["sky_object"].sum() for k in crops.cubes[0][-1]]
         assert (np.array(skies[1:]) > 0).all() == assume and skies[0] == 0
+
+
+def test_curves_that_decompose_takes_to_be_off_are_learned_with_as_such():
+    seen = traced_cube("street", 54)[0]
+    waves = 0.01 * np.sin(STARTER.wavelength_um + np.arange(len(STARTER))[:, None])
+    waves[STARTER.sky_index] = 0
+    off = MaterialLibrary(STARTER.names, STARTER.wavelength_um, STARTER.emissivity - 0.01 + waves)
+    taken = calibrated(seen, off, shipped_network())
+    assert taken.curve_error == decompose(seen, off, model=torch_model()).curve_error > 0
+    alike, certain = (
+        Crops([of], off, 0, 96).cubes[0][-1] for of in (taken, taken._replace(curve_error=0.0))
+    )
+    for k, without in zip(alike, certain, strict=True):
+        assert len(k["curve_spread"]) and not len(without["curve_spread"])
 
 
 def test_crops_show_what_was_measured(cube):
     s = np.zeros((cube.bands, 60, 200), np.float32)
     s[:, :, :100] = np.tile(cube.radiance, (1, 3, 5))[:, :60, :100]
-    dead = Crops([HeatCube(s, cube.wavelength_um, cube.fwhm_um, 0.05)], [False], NEW, 0, 48)
-    whole = Crops([HeatCube(s[:, :, :100], cube.wavelength_um, cube.fwhm_um, 0.05)], [False], NEW,
-                  0, 48)  # fmt: skip
+    dead, whole = (
+        Crops([Seen(HeatCube(part, cube.wavelength_um, cube.fwhm_um, 0.05))], NEW, 0, 48)
+        for part in (s, s[:, :, :100])
+    )
     for i in range(20):
         crop = dead[i][0].radiance
         assert crop.shape == whole[i][0].radiance.shape == (cube.bands, 48, 48)

@@ -5,7 +5,7 @@ Bad bands are left out, the noise is what the cube shows, if another than stated
 wavelengths are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`).
 Then come the environment, from the cube; a sky that is not in view, if nothing else explains the
 pixels, and the camera's wavelengths, gains or offset or the air before it, if these show them, or
-curves that are off, if most materials ask for it, or more noise, if nothing fits
+curves that are off, if half of the materials ask for it, or more noise, if nothing fits
 (`camera.calibration`); how much of that air is before each pixel (`camera.distances`); and the
 environment again, from the cube as a right camera would have shown it.
 """

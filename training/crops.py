@@ -4,11 +4,14 @@ The environment is estimated from the whole cube, once for each number of object
 one of them and a random crop, most of which was measured, if that is easily found.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from torch.utils.data import Dataset
 
 from physics import estimate
+from physics.cube.heat_cube import HeatCube
 from physics.evidence import tensors
 from physics.known import Known, known_arrays
 from physics.machinery.blas import no_blas_threads
@@ -18,26 +21,32 @@ from .samples import OBJECTS, Sample, features
 TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
+class Seen(NamedTuple):
+    """A HeatCube, prepared (`physics.cube.prepared`); whether a usual sky is assumed over it, and
+    by how much all of the library's curves may be off (`Environment.with_curves_off_by`)."""
+
+    cube: HeatCube
+    sky_assumed: bool = False
+    curve_error: float = 0.0
+
+
 class Crops(Dataset):
-    """Draw number i of HeatCubes, prepared (`physics.cube.prepared`), each in its turn: an
-    unlabelled Sample and its Stem, of at most side x side pixels. Where assume_sky says so of a
-    cube, a usual sky is assumed.
+    """Draw number i of what was Seen, each in its turn: an unlabelled Sample and its Stem, of at
+    most side x side pixels.
 
     The Sample has `known` and `radiance`; the rest, truth and a glance, is None. Raises InputError
     where the library does not cover a cube's bands.
     """
 
-    def __init__(self, cubes, assume_sky, library, seed, side):
+    def __init__(self, seen, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
         self.stream = 2  # of random numbers
-        for cube, assume in zip(cubes, assume_sky, strict=True):
+        for cube, assumed, off in seen:
             most = min(OBJECTS[1], cube.measured_count)
             with no_blas_threads():
                 sample = estimate.Sample(cube, library)
-                known = [
-                    known_arrays(cube, library, sample.environment(k, assume))
-                    for k in range(OBJECTS[0], most + 1)
-                ]
+                around = (sample.environment(k, assumed) for k in range(OBJECTS[0], most + 1))
+                known = [known_arrays(cube, library, e.with_curves_off_by(off)) for e in around]
             # one tensor a cube: worker processes share each by an open file
             radiance = torch.from_numpy(cube.radiance.copy())
             self.cubes.append((radiance, cube.dead.copy(), known))

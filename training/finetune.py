@@ -26,7 +26,7 @@ from texnet.files.library_io import with_sky
 from texnet.learned import check_device, torch_model
 from texnet.methods import by_network
 
-from .crops import Crops
+from .crops import Crops, Seen
 from .reshade import ReshadedSet
 from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
 
@@ -84,7 +84,7 @@ def finetune(
             except InputError as e:
                 which = f"cube {i} of {len(cubes)}: " if len(cubes) > 1 else ""
                 raise InputError(f"{which}{e}") from e
-        draws = Crops(*zip(*taken, strict=True), whole, seed, SIDE)
+        draws = Crops(taken, whole, seed, SIDE)
         held_out = copy.copy(draws)  # other crops of the same cubes
         held_out.stream += 1
     else:
@@ -121,11 +121,12 @@ def finetune(
 
 
 def calibrated(cube, library, network, device="cpu"):
-    """The HeatCube that a right camera would have shown, as `decompose` takes it by a TeXNet with
-    USUAL_OBJECTS, and whether that assumes a sky. Raises InputError as that does."""
+    """What `decompose` makes of a HeatCube by a TeXNet with USUAL_OBJECTS before any pixel is
+    solved, as Seen: the cube that a right camera would have shown. Raises InputError as that does.
+    """
     looks = by_network(library, torch_model(network, device=device)).looks
     of = circumstances(cube, library, looks, k=min(USUAL_OBJECTS, cube.measured_count))
-    return of.cube, of.sky_assumed
+    return Seen(of.cube, of.sky_assumed, of.found.curves)
 
 
 def _measure(module, draws):

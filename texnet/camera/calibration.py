@@ -15,11 +15,11 @@ to make up for, and their evidence loses. So the noise is first taken to be FIRS
 stated (of few bands MORE times: at so much noise they tell no materials), and then MORE times what
 is left even of the pixels that fit best, until that does not change (`_left`). If it is the noise
 that was stated, all is well. If not, it may be the bands among each other, if with gains of their
-own (`band_gains`) nothing else is left; or the library's curves, if pixels of most materials are
-likelier with an error of theirs (`curve_error`) and nothing else is left then. That is asked in any
-case, since mirrors make up for wrong curves best; but not behind air, which absorbs otherwise than
-ours, nor of few bands, which tell materials by little but their level, nor with one object. Else
-curves are off by more, a material is missing, or k is too small: MORE times what is left
+own (`band_gains`) nothing else is left; or the library's curves, if pixels of half of the materials
+are likelier with an error of theirs (`curve_error`) and nothing else is left then. That is asked in
+any case, since mirrors make up for wrong curves best; but not behind air, which absorbs otherwise
+than ours, nor of few bands, which tell materials by little but their level, nor with one object.
+Else curves are off by more, a material is missing, or k is too small: MORE times what is left
 (MORE_OF_FEW, of few bands) is taken for noise, by and by from where it just fits, because what is
 wrong is so in many bands and pixels alike and misleads more than noise; and T, to which all bands
 add up, may be off by SHARED times as much in all pixels alike.
@@ -56,7 +56,7 @@ from ..methods import Look
 from .air_between import air_between
 from .band_gains import FIRST, band_gains
 from .correction import RIGHT, Calibration, Distances, corrected, corrected_environment, lifted_nats
-from .curve_error import asked_by_most, likeliest_curves, what_noise_leaves
+from .curve_error import asked_by_half, likeliest_curves, what_noise_leaves
 from .distances import far, likeliest_octaves
 from .nats import Nats
 from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kind
@@ -114,9 +114,9 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
         if evened is not None and 0 < (left := scene.left(evened)) <= _just(cube):
             fit = fit._replace(found=evened, left=left, unfit=())
     rivals = [*suspected, *fit.unfit]
-    suspected_k = _suspected_k(scene, nats_of, fit.found, rivals, fit.noise)
     found = _explained(scene, nats_of, fit.found, fit.left, rivals)
-    return found._replace(suspected_k=suspected_k)
+    taken = found if found.curves else fit.found  # all at the noise that is stated
+    return found._replace(suspected_k=_suspected_k(scene, nats_of, taken, rivals, fit.noise))
 
 
 class _Fit(NamedTuple):
@@ -231,9 +231,9 @@ def _explained(scene, nats_of, found, left, rivals=()):
         maps = scene.maps(surroundings, taken)
         material = maps["material"].ravel()
         ground = material != scene.library.sky_index
-        most = asked_by_most(off.gained[ground], material[ground])
+        asked = asked_by_half(off.gained[ground], material[ground])
         leaves = scene.quartile(maps) / what_noise_leaves(taken, surroundings)
-        if most and 0 < leaves <= CURVES_LEAVE:
+        if asked and 0 < leaves <= CURVES_LEAVE:
             return off.found
     return _with_noise(found, left, part)
 
@@ -275,14 +275,14 @@ def error_of_given(cube, environment, looks, library, left_out=None):
     look, left = looks(), of[0.0].left(RIGHT)
     nats_of = Nats(partial(of[0.0].nats, look), look.at_once)
     all_nats = Nats(lambda k: of[k].nats(look, RIGHT), look.at_once).each(of)
-    explained = _explained(of[0.0], nats_of, RIGHT, left)
+    camera, suspected = one_error(nats_of, environment.sky_mean is not None, LEVELS)
+    explained = _explained(of[0.0], nats_of, RIGHT, left, (camera, *suspected))
     others = nats_of.each([explained]) if explained.curves else {}
     loss = losses(all_nats | others)
     likeliest = min(loss, key=loss.get)
     worth = loss[0.0] - loss[likeliest] if np.isfinite(loss[likeliest]) else 0.0
     if likeliest in others or worth < ERROR_WORTH:
         return explained, 0.0
-    camera, suspected = one_error(nats_of, environment.sky_mean is not None, LEVELS)
     cameras = *first_look(LEVELS), camera, *suspected
     loss = losses(all_nats | nats_of.each(cameras))
     if min(loss, key=loss.get) != likeliest:

@@ -1,4 +1,4 @@
-"""How far the library's curves may be off, where most materials of the scene ask for it.
+"""How far the library's curves may be off, where half of the scene's materials ask for it.
 
 Curves measured elsewhere are off by a per cent or so, smoothly, which under a cold sky is more than
 a camera's noise: a wrong material, or a mirror, then fits better than the right one. If all curves
@@ -8,8 +8,8 @@ WORTH, if no rival, such as a gain that is suspected, makes them likelier, and i
 that is tried. Wrong materials that fit by chance ask for less than the right ones need, so it may
 be less than the curves are off by.
 
-What the library lacks asks for it in its own pixels, and all others pay: so most materials must
-gain (`asked_by_most`). And nothing else may be left (`what_noise_leaves`).
+What the library lacks asks for it in its own pixels, and all others pay: so half of the materials
+must gain (`asked_by_half`). And nothing else may be left (`what_noise_leaves`).
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ FIRST = 0.0025, 0.01  # of which one at least is likelier than none, or none is
 MOST = 20.0  # nats that a pixel counts: those of a mixed one mean nothing
 NOTHING = 1e9  # nats, or more: what looks like nothing
 WORTH = 0.25  # nats per pixel
-LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
+LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials that gain
 
 
 class Off(NamedTuple):
@@ -55,11 +55,13 @@ def likeliest_curves(nats_of, found, rivals=()):
     return Off(best, gained)
 
 
-def asked_by_most(gained, material):
-    """Whether the median material gains, of pixels' nats (P,) and materials (P,), indices."""
+def asked_by_half(gained, material):
+    """Whether half of the materials gain, and LEAST_KINDS at least, of pixels' nats (P,) and
+    materials (P,), indices."""
     kinds, count = np.unique(material, return_counts=True)
     of_kind = [gained[material == m].mean() for m in kinds[count >= LEAST_OF_KIND]]
-    return len(of_kind) >= LEAST_KINDS and bool(np.median(of_kind) > 0)
+    gain = np.count_nonzero(np.array(of_kind) > 0)
+    return gain >= max(LEAST_KINDS, len(of_kind) / 2)
 
 
 def what_noise_leaves(cube, environment):
