@@ -1,6 +1,6 @@
 """Accuracy and time of every method against the number of bands, on scenes nobody trained on.
 
-    python -m benchmarks.accuracy --out DIR [--finer TIMES]
+    texnet bench accuracy --out DIR [--finer TIMES]
 
 Twenty-four random scenes of the test split (seeds from 3,000,000; training uses 1,000,000 and
 2,000,000, tuning 5,000,000 and more): in fewer, one or two with much bare metal decide about the
@@ -15,10 +15,8 @@ is from the others, and what materials the last method takes for which. Everythi
 threads. --finer traces the same scenes with so many times the pixels on each side.
 """
 
-import argparse
 import time
 from collections import Counter
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -127,54 +125,49 @@ def differences(rows, other):
             )
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    parser.add_argument("--bands", type=int, nargs="+", default=BANDS)
-    parser.add_argument(
-        "--finer", type=int, choices=range(1, 9), default=1, help="times the pixels on each side"
-    )
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, progress=None):
+    """Write accuracy.csv and confusion.csv into the folder out -> their rows. progress is called as
+    progress(done, total, what) after each scene."""
+    out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
     threadpool_limits(THREADS)
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
     library = MaterialLibrary.starter()
-    made = f"{settings()}, {args.scenes} scenes, {args.finer} times finer"
-    rows, named = measured(args.out, made, {(str(b), m) for b in args.bands for m in args.methods})
+    made = f"{settings()}, {scenes} scenes, {finer} times finer"
+    rows, named = measured(out, made, {(str(b), m) for b in bands for m in methods})
     done = {r["scene"] for r in rows}
-    for name, traced in test_scenes(args.scenes, done, args.finer):
-        for bands in args.bands:
-            w, fwhm = equidistant_bands(bands)
-            cube, truth = traced.shade(library, w, fwhm, NETD_K)
-            for method in args.methods:
-                row = {"scene": name, "bands": bands, "method": method}
+    for i, (name, traced) in enumerate(test_scenes(scenes, done, finer), len(done) + 1):
+        for n in bands:
+            cube, truth = traced.shade(library, *equidistant_bands(n), NETD_K)
+            for method in methods:
+                row = {"scene": name, "bands": n, "method": method}
                 scores, names = measure(cube, truth, method, models.get(method))
                 rows.append(row | scores)
                 named += [
                     row | {"true": true, "named": given, "pixels": pixels}
                     for (true, given), pixels in names.items()
                 ]
-                shown = "  ".join(f"{scores[n]:8.3f}" for n in ERRORS)
-                print(f"{name:16} {bands:4d} {method:8} {shown}", flush=True)
-        write_csv(args.out / "confusion.csv", named, made)
-        write_csv(args.out / "accuracy.csv", rows, made)
-    print("\n".join(table(rows)))
-    print("\n".join(unknown(rows)))
-    if "net+sgd" in args.methods:
-        for other in args.methods:
+        write_csv(out / "confusion.csv", named, made)
+        write_csv(out / "accuracy.csv", rows, made)
+        if progress is not None:
+            progress(i, scenes, "scenes")
+    return rows, named
+
+
+def summary(rows, named):
+    """Lines of text of all that was measured."""
+    bands, methods = (list(dict.fromkeys(r[what] for r in rows)) for what in ("bands", "method"))
+    yield from table(rows)
+    yield from unknown(rows)
+    if "net+sgd" in methods:
+        for other in methods:
             if other != "net+sgd":
-                print("\n".join(differences(rows, other)))
-    for bands in args.bands:
+                yield from differences(rows, other)
+    for n in bands:
         counts = Counter()
         for r in named:
-            if (r["bands"], r["method"]) == (bands, args.methods[-1]):
+            if (r["bands"], r["method"]) == (n, methods[-1]):
                 counts[r["true"], r["named"]] += r["pixels"]
-        print(f"{bands} bands, {args.methods[-1]}", *confusion.table(counts), sep="\n")
-
-
-if __name__ == "__main__":
-    main()
+        yield f"{n} bands, {methods[-1]}"
+        yield from confusion.table(counts)

@@ -1,6 +1,5 @@
 """What the benchmark of accuracy says of two methods and of materials, and that it goes on."""
 
-import sys
 from types import SimpleNamespace
 
 import numba
@@ -12,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import accuracy
 from benchmarks.accuracy import ERRORS, differences, unknown
 from benchmarks.confusion import confused, named_as, table
+from texnet.cli import main
 
 
 def test_differences_are_paired_by_scene():
@@ -78,19 +78,27 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
     """To the same figures, the time aside."""
     monkeypatch.setattr(accuracy, "SIZE", (24, 32))
     monkeypatch.setattr(accuracy, "SPP", 4)
+    original, scenes = accuracy.measure, []
+
+    def counted(cube, truth, *of):
+        scenes.append(truth)
+        return original(cube, truth, *of)
+
+    monkeypatch.setattr(accuracy, "measure", counted)
 
     def run(out, *more):
-        words = ["accuracy", "--out", out, "--scenes", "2", "--bands", "4", "--methods", "local"]
-        monkeypatch.setattr(sys, "argv", [str(word) for word in (*words, *more)])
-        accuracy.main()
+        words = ["--out", out, "--scenes", 2, "--bands", 4, "--methods", "local", *more]
+        scenes.clear()
+        status = main(["bench", "accuracy", *map(str, words)])
+        if status:
+            return status
         said = capsys.readouterr().out.splitlines()
-        scenes = [line for line in said if line.startswith("random")]
-        means = [line.split()[:-1] for line in said if " local" in line and line not in scenes]
-        return len(scenes), means, said[said.index("4 bands, local") :]
+        means = [line.split()[:-1] for line in said if " local" in line]
+        assert said[-1] == f"{out}: accuracy.csv, confusion.csv."
+        return len(scenes), means, said[said.index("4 bands, local") : -1]
 
     whole = run(tmp_path / "whole")
     assert whole[0] == 2 and len(whole[2]) > 3
-    original = accuracy.measure
 
     def stopped(cube, truth, *of):
         if (tmp_path / "part" / "accuracy.csv").exists():
@@ -98,10 +106,9 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
         return original(cube, truth, *of)
 
     monkeypatch.setattr(accuracy, "measure", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "part")
-    capsys.readouterr()
-    monkeypatch.setattr(accuracy, "measure", original)
+    assert run(tmp_path / "part") == 130
+    assert "goes on after the last scene" in capsys.readouterr().err
+    monkeypatch.setattr(accuracy, "measure", counted)
     assert run(tmp_path / "part") == (1, *whole[1:])
     assert run(tmp_path / "part") == (0, *whole[1:])
     assert run(tmp_path / "part", "--finer", "2")[0] == 2  # other pictures

@@ -461,16 +461,34 @@ def test_an_unusual_temperature_is_said(tmp_path, true, said):
     factor, per_cm1 = UNITS[true]
     path = envi(tmp_path / "a", (PER_CM1 if per_cm1 else S) / factor)
     note = import_cube(path, said)[1]
-    assert note.splitlines()[1].startswith("Warning: ") and f"(288 K in {true})?" in note
+    assert note.splitlines()[1].startswith("Warning: ") and f"(288 K in {true})." in note
 
 
 @pytest.mark.parametrize("unit", ["W/m2/sr/um", "mW/m2/sr/um", "microflick"])
-def test_brightness_temperatures_are_no_radiance(tmp_path, capfd, unit):
+def test_brightness_temperatures_are_no_radiance_unless_so_said(tmp_path, capfd, unit):
     kelvin = 290 + np.random.default_rng(0).normal(scale=3, size=S.shape)
     out = tmp_path / "b.npz"
     for s, said in ((kelvin, True), (S, False)):
         main(["import", str(envi(tmp_path / "a", s)), "--out", str(out), "--unit", unit])
-        assert ("as alike in all bands" in "".join(capfd.readouterr())) == said
+        assert (
+            "as alike in all bands, brightness temperatures in K? Then give --unit K."
+            in ("".join(capfd.readouterr()))
+        ) == said
+
+
+def test_brightness_temperatures_that_are_said_to_be_become_radiance(tmp_path, capfd):
+    kelvin = np.broadcast_to(T, S.shape)
+    cube, note = import_cube(envi(tmp_path / "a", kelvin, kind=5), "K")
+    check_same(cube)
+    assert "K became W m-2 sr-1 um-1" in note and note.endswith("half of it is warmer than 288 K.")
+    of = {"data_gain_values": np.full(6, 0.01), "data_offset_values": np.full(6, 273.15)}
+    celsius = np.round(100 * (kelvin - 273.15))
+    check_same(import_cube(envi(tmp_path / "b", celsius, kind=2, **of), "Kelvin")[0])
+    path = envi(tmp_path / "c", kelvin, data_units="K")  # of each band, or of the surface?
+    assert "give --unit K; else" in refused(capfd, path, "--out", tmp_path / "c.npz")
+    nothing = np.where(T == 260, 0.0, kelvin)
+    dead = import_cube(envi(tmp_path / "d", nothing), "K")[0].dead
+    np.testing.assert_array_equal(dead, T[0] == 260)
 
 
 def test_a_unit_is_never_guessed(tmp_path, capfd):
@@ -843,7 +861,7 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
         import_cube(envi(tmp_path / "a", S))
     for temperature in ("Kelvin", "K", "deg C", "Brightness Temperature (K)"):
         path = envi(tmp_path / "a", S, **{key.replace(" ", "_"): temperature})
-        with pytest.raises(InputError, match="temperatures; take the radiance"):
+        with pytest.raises(InputError, match="in K, give --unit K; else take the radiance"):
             import_cube(path)
 
 

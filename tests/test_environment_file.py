@@ -137,7 +137,7 @@ def test_an_environment_that_is_wrong_is_said_to_be(capfd, files):
 def test_without_a_sky_it_is_said(capfd, files):
     file = table(files / "ground.csv", values=shine(FINE)[1:], names=["ground"])
     out, *_ = decompose(capfd, files, "--method", "local", "--environment", file)
-    assert "no object's name begins with sky or downwelling" in out
+    assert "no object's name begins with sky, downwelling, ldown or dwr" in out
 
 
 def test_a_budget_is_of_as_many_objects(capfd, files, monkeypatch):

@@ -122,10 +122,11 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
         off = distances(cold, environment, clear, how["looks"](), len(library), found)
     if not found.keeps_cube:
         cube = corrected(cube, found, off)
-        environment = estimate(cube, assume_sky=assumed).with_curves_off_by(found.curves)
+        environment = estimate(cube, assume_sky=assumed)
     return dict(
-        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
-        sky_assumed=assumed, found=found, distance_m=off and off.metres,
+        ready=ready, cube=cube, environment=environment.with_curves_off_by(found.curves),
+        environment_error_k=0.0, sky_assumed=assumed, found=found,
+        distance_m=off and off.metres,
     )  # fmt: skip
 
 

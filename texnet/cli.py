@@ -317,6 +317,24 @@ def _measuring(to):
         "--large", action="store_true",
         help="a cube of 3.6 GB, too: five minutes more, and 20 GB of disk",
     )  # fmt: skip
+    text = "accuracy on the test scenes; a quarter of an hour"
+    p = _add(actions, "accuracy", commands.bench_accuracy, text)
+    p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
+    p.add_argument(
+        "--scenes", metavar="N", type=_integer(1, 999), default=24, help="1-999, default: 24"
+    )
+    p.add_argument(
+        "--bands", metavar="N", type=_integer(1, 999), nargs="+", default=[4, 9, 18, 54, 100],
+        help="numbers of them, default: 4 9 18 54 100",
+    )  # fmt: skip
+    p.add_argument(
+        "--methods", metavar="M", choices=METHODS, nargs="+", default=list(METHODS),
+        help=f"some of {', '.join(METHODS)}; default: all",
+    )  # fmt: skip
+    p.add_argument(
+        "--finer", metavar="TIMES", type=_integer(1, 8), default=1,
+        help="times the pixels on each side, 1-8, default: 1",
+    )  # fmt: skip
     text = "where methods fail, and whether they say so; about two hours"
     p = _add(actions, "stability", commands.bench_stability, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")

@@ -331,6 +331,24 @@ def bench_speed(args):
     return f"{args.out}: speed.json, growth.csv, growth.png.", {"command": "bench speed"} | result
 
 
+def bench_accuracy(args):
+    from benchmarks.accuracy import run, summary
+
+    from .outputs import check_directory
+    from .progress import progress_bar
+
+    check_directory(args.out, names=("accuracy.csv", "confusion.csv"))
+    try:
+        with progress_bar() as report:
+            rows, named = run(
+                args.out, args.scenes, args.bands, args.methods, args.finer, progress=report
+            )
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
+    text = "\n".join([*summary(rows, named), f"{args.out}: accuracy.csv, confusion.csv."])
+    return text, {"command": "bench accuracy", "rows": rows}
+
+
 def bench_stability(args):
     from benchmarks.stability import measure
 

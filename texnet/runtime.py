@@ -81,8 +81,8 @@ class Runtime:
         material is int16, unknown bool, the others float32. Raises InputError where sizes do
         not agree or are too small, and as `physics.hypotheses.set_up` does.
         """
-        given = {"radiance": radiance, **known}
-        given = {name: np.ascontiguousarray(a, np.float32) for name, a in given.items()}
+        given = {name: np.ascontiguousarray(a, np.float32) for name, a in known.items()}
+        given["radiance"] = np.asarray(radiance, np.float32)  # of whatever order: no copy of it all
         self._check(given)
         return by_tiles(
             self._answer, given.pop("radiance"), given, expected, regions,

@@ -102,7 +102,7 @@ class HeatCube(ReadOnly):
         if s.shape[0] != w.size:
             raise InputError(
                 f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
-                "give one wavelength per band, bands first (texnet import turns such files)."
+                "give one wavelength per band, bands first (texnet import --unit turns such files)."
             )
         stated = np.zeros(s.shape[1:], bool) if self.dead is None else np.asarray(self.dead)
         if stated.shape != s.shape[1:] or stated.dtype != bool or stated.all():
@@ -117,8 +117,8 @@ class HeatCube(ReadOnly):
         if not low <= typical_k <= high:
             raise Implausible(
                 f"cube: half of it looks {'hotter' if typical_k > high else 'colder'} than "
-                f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1, as texnet import makes it "
-                "(1 microflick is 0.01 of it)."
+                f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1 (1 microflick is 0.01 of "
+                "it), as texnet import --unit makes it."
             )
         width = np.zeros_like(w)
         if self.fwhm_um is not None:

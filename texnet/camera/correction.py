@@ -47,14 +47,13 @@ class Calibration(NamedTuple):
 
     @property
     def keeps_cube(self):
-        """Whether nothing is wrong that would be corrected."""
-        return self._replace(suspected_k=0.0) == RIGHT
+        """Whether nothing is wrong of which a cube would be corrected."""
+        return self._replace(suspected_k=0.0, curves=0.0) == RIGHT
 
     @property
     def keeps_radiance(self):
         """Whether nothing is wrong but the noise, the wavelengths and the library's curves."""
-        alone = self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
-        return alone.keeps_cube
+        return self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0).keeps_cube
 
     def of_bands(self, n):
         """(n,) the gains among each other of so many bands."""

@@ -29,7 +29,7 @@ from .cube_io import read_cube, some_arrays, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
-from .raw_cube import UNITS, RawCube, heat_cube, part_of, unit_of
+from .raw_cube import UNIT_NAMES, RawCube, heat_cube, part_of, unit_of
 from .wavelengths import PER_UM
 
 HEAT_CUBE = "heat cube"
@@ -50,7 +50,7 @@ def import_cube(
 ):  # fmt: skip
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
-    unit             of its radiance, one of `raw_cube.UNITS`; where the file leaves it open
+    unit             of its radiance, one of `raw_cube.UNIT_NAMES`; where the file leaves it open
     wavelengths_um, wavenumbers_cm1
                      of the first and the last band, equidistant; one of them, where the file
                      does not say where its bands lie
@@ -71,7 +71,7 @@ def import_cube(
         what = "is a folder" if path.is_dir() else "does not exist"
         raise InputError(f"cube: {path} {what}; give a file.")
     if unit is not None and (unit := unit_of(str(said := unit))) is None:
-        raise InputError(f"cube: {said!r} is no unit that is known; use {', '.join(UNITS)}.")
+        raise InputError(f"cube: {said!r} is no unit that is known; use {', '.join(UNIT_NAMES)}.")
     wavelengths_um = _pair(wavelengths_um, "wavelengths_um")
     wavenumbers_cm1 = _pair(wavenumbers_cm1, "wavenumbers_cm1")
     range_um = _pair(range_um, "range_um")
@@ -85,6 +85,8 @@ def import_cube(
         raw = _read(path, unit)
         if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
             raise InputError(f"cube: {path} states its unit, {raw.unit}; leave out --unit.")
+        if raw.what.startswith(HADAR_MAT) and wavelengths_um is not None:
+            raw = raw._replace(unit=None)  # an array of that name, but no published cube
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
         raw = _with_width(raw, path, fwhm)
         raw = part_of(raw, rows, columns, range_um)
@@ -94,10 +96,10 @@ def import_cube(
                 says = f"says {raw.unit_said!r}"
             if TEMPERATURE.search(raw.unit_said):
                 raise InputError(
-                    f"cube: {path} {says}: temperatures; take the radiance that they were made of, "
-                    "in which materials differ."
+                    f"cube: {path} {says}: if these are brightness temperatures in K, give --unit "
+                    "K; else take the radiance that they were made of, in which materials differ."
                 )
-            raise InputError(f"cube: {path} {says}; give --unit, one of {', '.join(UNITS)}.")
+            raise InputError(f"cube: {path} {says}; give --unit, one of {', '.join(UNIT_NAMES)}.")
         cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
     except OSError as e:
         raise InputError(f"cube: cannot read {e.filename or path}: {e.strerror or e}.") from e

@@ -7,9 +7,9 @@ bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a
 ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
 
 The format has no word for the radiance's unit, but some write one, as data units, radiance data
-units or units: it is taken if it is a name in `raw_cube.UNITS`. A unit of wavelength that is not
-known is told by the values. The header's sizes are held against the binary's before anything is
-read.
+units or units: it is taken if it is one of radiance in `raw_cube.UNITS`. A unit of wavelength that
+is not known is told by the values. The header's sizes are held against the binary's before anything
+is read.
 
 A spectral library has a line a spectrum and a sample a band, spectra names, and y axis title.
 """
@@ -24,7 +24,7 @@ import numpy as np
 
 from physics.errors import InputError
 
-from .raw_cube import RawCube, is_ignored, unit_of
+from .raw_cube import KELVIN, RawCube, is_ignored, unit_of
 
 DTYPES = {
     1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8",
@@ -78,8 +78,10 @@ def read_envi(path):
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored()
     said = next((header.word(key) for key in UNIT_KEYS if key in header.fields), "")
+    unit = unit_of(said)
+    unit = None if unit == KELVIN else unit  # of each band, or of the surface?
     return RawCube(
-        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, unit_of(said), gain,
+        f"ENVI {interleave} of {dtype.name}", numbers, centre, fwhm, axis, unit, gain,
         offset, good=None if bbl is None else bbl != 0, ignore=ignore, hint=hint,
         words=(*words, *scaled), unit_said=said[:60],
     )  # fmt: skip

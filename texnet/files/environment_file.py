@@ -4,7 +4,8 @@
     7.995,5.71,8.13
     8.005,5.42,8.14
 
-`text_table` says which texts are tables. Columns named sky... or downwelling... stand for the sky.
+`text_table` says which texts are tables. Columns named sky..., downwelling..., ldown... or dwr...
+stand for the sky.
 
 Where the rows between the first and the last band are one for each, they are of this camera, or
 were averaged before, and are taken as they are. Any other spectrum is taken as linear between its
@@ -21,7 +22,7 @@ from physics.errors import InputError
 
 from .text_table import MAX_GAP_UM, read_table
 
-SKIES = ("sky", "downwelling")
+SKIES = ("sky", "downwelling", "ldown", "dwr")
 SAME_UM = 0.01  # or less between a row and a band: the same
 ROUNDED_UM = 1e-3  # or less of a gap is none
 

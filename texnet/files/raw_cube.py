@@ -5,7 +5,8 @@ With n the file's numbers, per band
     L = (gain n + offset) u J,    J = 1 where L is per um, 1e4 / lambda^2 where it is per cm-1
 
 where u makes W m-2 sr-1 of the file's unit and J = |d nu / d lambda| follows from
-nu = 1e4 / lambda (cm-1, um). A width d nu becomes d nu / J. Bands that the file calls bad go, the
+nu = 1e4 / lambda (cm-1, um); or L = B(gain n + offset) where n are brightness temperatures in K. A
+width d nu becomes d nu / J. Bands that the file calls bad go, the
 others are sorted by wavelength. Whatever the unit, the scene has a brightness temperature, so that
 a wrong unit shows; and in most pixels of a scene bands hardly differ in it, so that axes in another
 order show, too.
@@ -21,7 +22,7 @@ from physics.cube.dead_pixels import lit
 from physics.cube.heat_cube import TYPICAL_K, HeatCube, sampling_step
 from physics.errors import InputError
 from physics.machinery import scratch
-from physics.planck import brightness_temperature
+from physics.planck import brightness_temperature, planck
 
 from .wavelengths import PER_UM, ascending, in_um
 
@@ -39,6 +40,8 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "mW/m2/sr/cm-1": (1e-3, True),
     "W/cm2/sr/cm-1": (1e4, True),
 }
+KELVIN = "K"  # brightness temperature
+UNIT_NAMES = *UNITS, KELVIN
 WRITTEN = str.maketrans("\u00b5\u03bc\u207b\u00b9\u00b2", "uu-12")  # two kinds of mu, powers
 OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
@@ -54,7 +57,7 @@ UNREAL, AS_TEXT = 1e6, 1e-5
 
 
 def unit_of(said):
-    """The key of UNITS that a word for it means, such as uW/(cm^2*sr*nm); else None."""
+    """Which of UNIT_NAMES a word means, such as uW/(cm^2*sr*nm); None if none."""
     plain = said.lower().strip("{} ").translate(WRITTEN)
     plain = re.sub(r"watts?", "w", re.sub(r"microns?|micrometers?", "um", plain))
     # as in m^-2 sr^-1, but no cm^-1: that is a wavenumber
@@ -62,7 +65,8 @@ def unit_of(said):
     plain = re.sub(r"[\s*.]+(sr|um|nm)\^?-1\b", r"/\1", plain)
     plain = re.sub(r"/\(([^()]*)\)", lambda below: "/" + re.sub(r"[\s*]+", "/", below[1]), plain)
     plain = re.sub(r"[\s^()]", "", plain)
-    return next((u for u in UNITS if plain in (u.lower(), f"{u.lower()}s")), None)
+    plain = plain.replace("kelvin", "k")
+    return next((u for u in UNIT_NAMES if plain in (u.lower(), f"{u.lower()}s")), None)
 
 
 class RawCube(NamedTuple):
@@ -73,7 +77,7 @@ class RawCube(NamedTuple):
              what was read of it does not stay in memory
     centre   (bands,) in axis, or None if the file does not say; fwhm likewise
     axis     "um", "nm" or "cm-1", of centre and fwhm
-    unit     a key of UNITS, or None if the file does not say
+    unit     one of UNIT_NAMES, or None if the file does not say
     gain, offset  (bands,) or one number for all
     good     (bands,) bool; None: all
     netd_k   noise at 300 K, K, or None if the file does not say
@@ -149,15 +153,12 @@ def heat_cube(raw, netd_k=None, progress=None):
     if 0 in shape:
         raise InputError(f"cube: it holds no numbers ({bands} x {height} x {width}).")
     kept, w, said_of_bands = _kept_bands(raw, bands)
-    jacobian = 1e4 / w**2
     fwhm = None
     if raw.fwhm is None:
         said_of_bands.append("taken as narrow, since band widths are not stated (--fwhm)")
     else:
-        fwhm = raw.fwhm[kept] / (jacobian if raw.axis == "cm-1" else PER_UM[raw.axis])
-    scale = _to_our_unit(raw.unit, jacobian)
-    gain, offset = (scale * np.broadcast_to(x, bands)[kept] for x in (raw.gain, raw.offset))
-    radiance = _radiance(raw, kept, gain, offset, progress)
+        fwhm = raw.fwhm[kept] / (1e4 / w**2 if raw.axis == "cm-1" else PER_UM[raw.axis])
+    radiance = _radiance(raw, kept, w, progress)
     words = [
         raw.what,
         f"{bands} bands of {height} x {width} pixels",
@@ -212,13 +213,23 @@ def _kept_bands(raw, bands):
     return np.flatnonzero(good)[order], w, words
 
 
-def _to_our_unit(unit, jacobian):
+def _in_our_unit(numbers, unit, w):
+    """Radiance of numbers in one of UNIT_NAMES at wavelengths in um."""
+    if unit == KELVIN:
+        return planck(w, np.maximum(numbers, 1.0))  # no glow, as of 0 K
     factor, per_wavenumber = UNITS[unit]
-    return factor * (jacobian if per_wavenumber else 1.0)
+    return numbers * (factor * (1e4 / w**2 if per_wavenumber else 1.0))
 
 
-def _radiance(raw, kept, gain, offset, progress):
-    """gain n + offset of the kept bands, (kept, height, width) float32.
+def _in_unit(radiance, unit, w):
+    """The inverse of _in_our_unit, of radiance above 0."""
+    if unit == KELVIN:
+        return brightness_temperature(w, radiance)
+    return radiance / _in_our_unit(1.0, unit, w)
+
+
+def _radiance(raw, kept, w, progress):
+    """Of the kept bands at wavelengths w, um, (kept, height, width) float32.
 
     Read part by part along the file's slowest axis, so that each byte is read once.
     """
@@ -227,6 +238,7 @@ def _radiance(raw, kept, gain, offset, progress):
     del numbers
     slowest = int(np.argmax(np.where(np.array(shape) > 1, strides, 0)))
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
+    gain, offset = (np.broadcast_to(x, shape[0])[kept] for x in (raw.gain, raw.offset))
     radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
     for start in range(0, radiance.shape[slowest], step):
         at = [slice(None)] * 3
@@ -240,7 +252,7 @@ def _radiance(raw, kept, gain, offset, progress):
             part *= gain[bands, None, None]
             part += offset[bands, None, None]
             part[is_ignored(found, raw.ignore)] = np.nan
-            radiance[tuple(at)] = part
+            radiance[tuple(at)] = _in_our_unit(part, raw.unit, w[bands, None, None])
         scratch.release(radiance)
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
@@ -273,14 +285,13 @@ def _typical_k(radiance, w, unit):
     s, w = s[band, pixel], w[band]
     if not s.size:
         return "nothing", ""  # HeatCube says what is wrong
-    jacobian = 1e4 / w**2
+    numbers = _in_unit(s, unit, w)
 
     def typical_k(other):
-        other = s * (_to_our_unit(other, jacobian) / _to_our_unit(unit, jacobian))
-        return float(np.median(brightness_temperature(w, other)))
+        return float(np.median(brightness_temperature(w, _in_our_unit(numbers, other, w))))
 
     here = typical_k(unit)
-    kelvin = _like_kelvin(s / _to_our_unit(unit, jacobian))
+    kelvin = unit != KELVIN and _like_kelvin(numbers)
     if USUAL_K[0] <= here <= USUAL_K[1]:
         return f"{here:.0f} K", (kelvin and f"\nWarning: {kelvin}") or uneven
     names = {}
@@ -288,14 +299,11 @@ def _typical_k(radiance, w, unit):
         names.setdefault(factor, u)  # of two for one unit the first
     fit = {u: t for u in names.values() if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
+    fit = kelvin or f"give the right --unit ({fit})."
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
-        return f"{here:.0f} K", (
-            f"\nWarning: {here:.0f} K is unusual for a scene; is {unit} its unit ({fit})? {kelvin}"
-        ).rstrip() + uneven
-    raise InputError(
-        f"cube: in {unit} half of it would be warmer than {here:,.0f} K; give the right --unit "
-        f"({fit}). {kelvin}".rstrip()
-    )
+        doubt = f"{here:.0f} K is unusual for a scene; if {unit} is not its unit, {fit}"
+        return f"{here:.0f} K", f"\nWarning: {doubt}{uneven}"
+    raise InputError(f"cube: in {unit} half of it would be warmer than {here:,.0f} K; {fit}")
 
 
 def _uneven(s, w):
@@ -319,6 +327,6 @@ def _like_kelvin(numbers):
     if not USUAL_K[0] <= half <= USUAL_K[1] or np.median(np.abs(numbers / half - 1)) > ALIKE:
         return ""
     return (
-        f"Are its numbers, of about {half:.0f} and as alike in all bands, brightness temperatures "
-        "in K? What is needed is radiance."
+        f"are its numbers, of about {half:.0f} and as alike in all bands, brightness temperatures "
+        "in K? Then give --unit K."
     )
