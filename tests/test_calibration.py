@@ -41,7 +41,7 @@ def shown(cube, c):
     )
 
 
-def with_errors(percent):
+def with_curves_off(percent):
     """The library with curves that are off by so much, smoothly."""
     rng, w = np.random.default_rng(0), LIBRARY.wavelength_um
     turns = np.arange(1, 7)[:, None] * np.pi * (w - 8) / 6
@@ -160,7 +160,7 @@ def test_nothing_else_is_taken_for_it(name, bands):
         cube.radiance + noisy * noise_sigma(cube.wavelength_um, 0.5)[:, None, None], 1e-3
     )
     cases = [
-        (cube, with_errors(1)), (cube, with_errors(3)),
+        (cube, with_curves_off(1)), (cube, with_curves_off(3)),
         (cube, LIBRARY.subset([n for n in LIBRARY.names if n != missing])),
         (HeatCube(noisy, cube.wavelength_um, cube.fwhm_um, 0.5), LIBRARY),
     ]  # fmt: skip
@@ -246,7 +246,7 @@ def test_what_fits_nowhere_is_noise(bands, method, percent):
     cube, truth = traced("forest", bands)
     if not percent:
         cube = of_bands(cube, 0.005 * np.random.default_rng(1).normal(size=bands))
-    d = decompose(cube, with_errors(percent), method=method)
+    d = decompose(cube, with_curves_off(percent), method=method)
     assert (d.gain, d.offset_k, d.curve_error) == (1, 0, 0) and (d.band_gains == 1).all()
     assert d.netd_k > 4 * cube.netd_k
     ground = names_of(truth) != "sky"
@@ -258,7 +258,7 @@ def test_what_fits_nowhere_is_noise(bands, method, percent):
 def test_mirrors_do_not_pass_for_what_curves_have_wrong(name, bands, monkeypatch):
     """With curves 1 % off they fit nearly everything, at the noise that is stated."""
     cube, truth = traced(name, bands)
-    library = with_errors(1)
+    library = with_curves_off(1)
     found = decompose(cube, library, method="local")
     monkeypatch.setattr(texnet.circumstances, "calibration", lambda *args, **kwargs: RIGHT)
     answers = found, decompose(cube, library, method="local")
@@ -323,7 +323,7 @@ def test_surroundings_that_are_off_are_not_believed(wrong_k, bands, method):
 def test_wrong_curves_under_surroundings_that_are_right_are_allowed_for(method):
     cube, truth = traced("forest", 54)
     e = estimate_environment(cube, LIBRARY, 5)
-    d = decompose(cube, with_errors(1), environment=e, method=method)
+    d = decompose(cube, with_curves_off(1), environment=e, method=method)
     assert d.environment_error_k == 0 and 0.002 < d.curve_error < 0.02
     off = np.abs(d.temperature_k - truth.temperature_k)[names_of(truth) != "sky"]
     assert (off <= 2 * d.temperature_sigma_k[names_of(truth) != "sky"]).mean() > 0.9

@@ -63,8 +63,7 @@ from .one_error import LEVELS, SUSPECT, first_look, losses, one_error, shift_kin
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
-LEAST_FOR_GAINS = 12  # of the bands; T, V and the material explain too much of fewer
-LEAST_OBJECTS = 2  # likewise: what one object misses, it misses in all materials
+LEAST_FOR_GAINS, LEAST_OBJECTS = 12, 2  # bands, for gains of their own, and objects
 SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them among
 QUARTER = 0.25  # of the pixels: those that fit best
 MOST = 0.68  # of the pixels, as of errors within a standard deviation
@@ -109,7 +108,7 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
     if camera.shift_um:
         return camera
     fit = _that_fits(scene, nats_of, camera, sky)
-    if fit.left > _just(cube) + RISE and not _few(cube) and len(environment) >= LEAST_OBJECTS:
+    if fit.left > _just(cube) + RISE and scene.tells_bands_from_curves:
         evened = band_gains(part, environment, scene.maps, library, scene.quartile)
         if evened is not None and 0 < (left := scene.left(evened)) <= _just(cube):
             fit = fit._replace(found=evened, left=left, unfit=())
@@ -223,7 +222,7 @@ def _explained(scene, nats_of, found, left, rivals=()):
     """A Calibration that was found of a _Scene with what explains what it leaves: curves that are
     off, if nothing is left then and no rival explains it better, or noise."""
     part, off = scene.part, None
-    if not (found.air or _few(part) or len(scene.environment) < LEAST_OBJECTS):
+    if scene.tells_bands_from_curves and not found.air:
         off = likeliest_curves(nats_of, found, rivals)
     if off:
         surroundings = corrected_environment(scene.environment, off.found)
@@ -261,9 +260,9 @@ def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_ou
 
 
 def error_of_given(cube, environment, looks, library, left_out=None):
-    """Of an Environment that was taken elsewhere or at another time than a HeatCube: the
-    Calibration, of noise or curves alone, and K by which the Environment is likely off, 0 if it is
-    not. Arguments as of `calibration`.
+    """A Calibration, of noise or curves alone, and K by which an Environment that was taken
+    elsewhere or at another time than a HeatCube is likely off, 0 if it is not. Arguments as of
+    `calibration`.
 
     It is off if so the pixels are likelier by ERROR_WORTH, and more than by a gain or an offset of
     the camera or by curves that are off. What it does not explain as it was given may as well be of
@@ -304,6 +303,12 @@ class _Scene(NamedTuple):
         """Maps of pixels by a Look, one of their own if None."""
         seen = np.arange(len(self.library)) if self.seen is None else self.seen
         return (look or self.looks())(environment, part, seen)
+
+    @property
+    def tells_bands_from_curves(self):
+        """Whether what is left can say which of them is wrong: too much of few bands is explained,
+        and what a single object misses, it misses in all materials."""
+        return not _few(self.part) and len(self.environment) >= LEAST_OBJECTS
 
     def nats_of(self):
         """Nats of the pixels, corrected by a Calibration, by a Look of their own."""

@@ -27,17 +27,19 @@ LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials that gain
 
 
 class Off(NamedTuple):
-    """A Calibration with an error of the curves, and the nats (P,) by which pixels are likelier."""
+    """found    Calibration with an error of the curves
+    gained   (P,) nats by which pixels are likelier than without
+    """
 
     found: Calibration
     gained: np.ndarray
 
 
 def likeliest_curves(nats_of, found, rivals=()):
-    """Off, of the error of curves by which pixels are likeliest, beside the Calibration found; None
-    where none is to be taken.
+    """Off, a Calibration found and with it that of ERRORS by which pixels are likeliest; None where
+    that is worth too little, a rival is likelier, or it is the largest.
 
-    nats_of  Nats of the pixels, corrected by a Calibration
+    nats_of  Nats of the pixels (P,), corrected by a Calibration
     rivals   Calibrations that may be right instead
     """
     for some in (FIRST, ERRORS):
@@ -65,8 +67,9 @@ def asked_by_half(gained, material):
 
 
 def what_noise_leaves(cube, environment):
-    """Residual, in noise units, of nothing but a HeatCube's noise in an Environment whose curves
-    may be off, as these explain some of it: of C = 1 + U U', the root mean square of C^-1 n."""
+    """The residual, in noise units, that nothing but a HeatCube's noise is expected to leave in an
+    Environment whose curves may be off: they explain some of it. With U their curve_spread in noise
+    units and n noise of unit variance, it is the root mean square of (1 + U U')^-1 n over bands."""
     u = environment.curve_spread / cube.sigma
     explained = np.zeros(cube.bands)
     explained[: min(u.shape)] = np.linalg.svd(u, compute_uv=False) ** 2

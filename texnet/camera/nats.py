@@ -9,9 +9,11 @@ from physics.machinery.threads import in_threads
 
 
 class Nats:
-    """of(what) by what, remembered: nats of pixels, (P,) or (height, width), infinite where nothing
-    looks like that; what is hashable, mostly a Calibration. As many at_once as `methods.Look` says,
-    but one by one until one is answered, with which it compares all others."""
+    """Minus log evidence, nats, of pixels, (P,) or (height, width), infinite where nothing looks
+    like that: of(what), computed once for each what, which is hashable, mostly a Calibration.
+
+    As many are computed at_once as `methods.Look` says; but until one is finite one by one, as the
+    first fixes the basis of the network's spectra, by which all others can be compared with it."""
 
     def __init__(self, of, at_once=1):
         self._of, self._at_once, self._known, self._answered = of, at_once, {}, False
