@@ -6,6 +6,7 @@ local, sgd     exact local solution of every pixel and material -> semi-global r
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -14,6 +15,8 @@ import numpy as np
 from physics.expected import only
 from physics.known import MAX_T, known_arrays
 from physics.planck import brightness_temperature
+
+from .uncertainty import OWN_CURVES
 
 NETS = "net", "net+sgd"
 METHODS = "local", "sgd", *NETS
@@ -99,6 +102,8 @@ def by_solver(library, smooth, report):
         return solve_each(cube, there(seen), environment)
 
     def run(environment, cube, seen, expected=None, regions=None, *, lap):
+        off = OWN_CURVES * environment.curve_spread
+        environment = replace(environment, curve_spread=off)
         if smooth:
             return solve_smooth(cube, there(seen), environment, report, lap)
         maps = solve_each(cube, there(seen), environment, regions, report("local"))
