@@ -14,7 +14,7 @@ from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
-from texnet.camera.correction import Calibration
+from texnet.camera.correction import RIGHT, Calibration
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
 from texnet.files.library_io import with_sky
@@ -167,6 +167,8 @@ def test_where_the_noise_was_raised_or_curves_are_off_more_is_unknown():
     for noise, least in ((1.01, 0.0), (1.5, 0.35), (2.0, 0.7), (9.0, 0.7)):
         of = Calibration(noise=noise, misfit=0.25 * noise)
         np.testing.assert_array_equal(unreliable(maps, of, 54), p < least)
+    for bands, least in ((3, 0.5), (18, 0.5), (54, 0.0)):
+        np.testing.assert_array_equal(unreliable(maps, RIGHT, bands), p < least)
     for curves, least in ((0.005, 0.35), (0.02, 0.7)):
         np.testing.assert_array_equal(unreliable(maps, Calibration(curves=curves), 54), p < least)
     raised = Calibration(noise=1.01, misfit=0.25)

@@ -29,6 +29,7 @@ from .circumstances import circumstances
 from .methods import METHODS, NETS, by_network, by_solver
 from .progress import Laps, compiling
 from .uncertainty import (
+    FEW_BANDS,
     shared_error_k,
     sigma_among_neighbours,
     unreliable,
@@ -283,7 +284,7 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     invalid = of.ready.cube.dead | of.saturated
     sigma[invalid] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     unknown = maps["unknown"] | invalid
-    if found.noise > 1 or found.curves:
+    if found.noise > 1 or found.curves or cube.bands < FEW_BANDS:
         unknown |= unreliable(maps, found, cube.bands)
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 

@@ -12,9 +12,9 @@ from physics.planck import noise_sigma, planck, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
-# of the answer, below which it is unknown. The network's own probabilities are too low rather than
-# too high: where they are 0.3 to 0.5, five of six answers are right
-LIKELY, NET_LIKELY = 0.5, 0.3
+# of the answer, below which it is unknown. Of what a network says is 0.3 to 0.5 likely 40 to 67 %
+# is right with 54 bands, but with fewer than FEW_BANDS (3 to 18 were tried) 7 to 53 %
+LIKELY, NET_LIKELY, FEW_BANDS = 0.5, 0.3, 20
 SURE = 0.7  # likewise where what is wrong was called noise, of which probabilities know too little
 CURVES_OFF = 0.01  # or where curves are off by so much; in between where by less
 OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
@@ -61,11 +61,12 @@ def fits(residual, bands):
 
 
 def unreliable(maps, c, bands):
-    """Which pixels (height, width) of maps by name are unknown because of what a Calibration says
-    of noise and curves: what fits clearly worse than the pixels that fit best, though not for
-    noise, or is not likely enough."""
+    """Which pixels (height, width) of maps by name are unknown because of so few bands, or of what
+    a Calibration says of noise and curves: what fits clearly worse than the pixels that fit best,
+    though not for noise, or is not likely enough."""
     out = scratch.empty(maps["material"].shape, bool)
     least = SURE * min(max(c.noise - 1, c.curves / CURVES_OFF), 1.0)  # no step
+    least = max(least, LIKELY * (bands < FEW_BANDS))
     for top in range(0, len(out), ROWS):
         part = slice(top, top + ROWS)
         material = maps["material"][None, part].astype(np.intp)
