@@ -162,8 +162,8 @@ def _cubes(to):
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
         "--unit", metavar="UNIT",
-        help="of the radiance: W/m2/sr/um, mW/m2/sr/um, microflick, W/m2/sr/cm-1 ...; HADAR's is "
-        "known",
+        help="of the radiance: W/m2/sr/um, mW/m2/sr/um, microflick, W/m2/sr/cm-1 ..., or K for "
+        "brightness temperatures; HADAR's is known",
     )  # fmt: skip
     for name, example in (("--wavelengths", "um, as 8.06:13.94"), ("--wavenumbers", "cm-1")):
         p.add_argument(
