@@ -100,7 +100,6 @@ def test_curves_that_are_off_are_allowed_for_and_more_is_right(name, method, err
     assert same.curve_error == 0
     d = decompose(cube, with_errors(error), method=method)
     assert error / 4 <= d.curve_error <= 2 * error and d.noise_raised == 1
-    assert d.suspected_error_k == 0  # whatever it was looks far less likely than curves
     found = evaluate(d, truth)
     assert found["within_2_sigma"] > 0.93 and found["accuracy_answered"] > 0.85
     monkeypatch.setattr(texnet.camera.calibration, "likeliest_curves", lambda *_: None)
@@ -108,6 +107,11 @@ def test_curves_that_are_off_are_allowed_for_and_more_is_right(name, method, err
     assert noisy.curve_error == 0 and noisy.noise_raised > 1
     known = lambda a: ((names_of(a) == names_of(truth)) & ~a.unknown).mean()
     assert known(d) > known(noisy) + 0.1
+
+
+def test_a_gain_that_is_far_less_likely_than_curves_is_not_suspected():
+    d = decompose(traced("street", 54)[0], with_errors(0.01), method="local")
+    assert d.curve_error > 0 and d.suspected_error_k == 0
 
 
 def test_a_material_that_the_library_lacks_is_no_error_of_all_curves():
