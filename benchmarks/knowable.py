@@ -93,6 +93,7 @@ def _mirrors(ax, library):
     for i in (*ends, library.names.index("glass"), library.names.index("steel")):
         at = reflected[i], temperature[i]
         ax.annotate(library.names[i], at, (0, 6), textcoords="offset points", ha="center")
+    ax.margins(0.12)  # room for the names
     ax.set(
         title="A mirror has no temperature, a black body no texture",
         xlabel="1 - e, mean of 54 bands: each mark a material", ylabel="least standard deviation",
