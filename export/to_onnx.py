@@ -39,6 +39,7 @@ INPUTS = {
     "environment": (("k", "bands"), f"{SPECTRUM}, spectra of the environment objects"),
     "light": (("k", "bands", "nodes"), f"{SPECTRUM}, the same at the nodes"),
     "sky_object": (("k",), "1 for the objects that stand for the sky, else 0"),
+    "usual_lighting": (("k",), "V in the mean over the scene, a priori"),
     "spread": (("spreads", "bands"), f"{SPECTRUM}, deviations of the surroundings"),
     "skylight_spread": (("skylight_spreads", "bands"), f"{SPECTRUM}, those of the sky's light"),
     "curve_spread": (("curve_spreads", "bands"), f"{SPECTRUM}, those of curves that are off"),

@@ -11,6 +11,7 @@ air          the air between scene and camera
 overhead     the sky overhead, from the sky in view
 environment  Environment: the k objects that light a scene
 estimate     the environment from the cube's own pixels
+lighting     how much of the light is the sky's
 support      how many of them a scene supports
 prior        what is known of temperatures, lighting and mixed pixels before any is solved
 exact        a package: Eq. 6 solved exactly, and with smoothness

@@ -114,7 +114,7 @@ def completed(environment, cube, library, seed=0):
         found = sample.environment(k, skies=environment.radiance)
         spread = np.concatenate([environment.spread, found.spread])
         error_k = max(environment.error_k, found.error_k)
-        own = dict(radiance=found.radiance, spread=spread, error_k=error_k)
+        own = dict(radiance=found.radiance, spread=spread, error_k=error_k, usual_lighting=None)
     if not seen:
         own |= sample.of_sky()
     return replace(environment, **own)

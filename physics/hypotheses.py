@@ -76,8 +76,8 @@ class Blocks(NamedTuple):
 
     determinant (R,) what the other prior on V changes of the evidence, nats; pulled (R, r, k)
     the columns of S_2 by which a guess of V moves x^; vv (R, k, k), vt (R, k, n), tt (R, n, n) the
-    blocks of L'_2, V being V - 1/k here; solve (R, k, k) the inverse of vv; covariance (R, k, k) of
-    V given T.
+    blocks of L'_2, V being less the usual one here; solve (R, k, k) the inverse of vv; covariance
+    (R, k, k) of V given T.
     """
 
     determinant: np.ndarray
@@ -150,7 +150,7 @@ def hypotheses_of(known) -> Hypotheses:
     reflected = (1 - sky_share)[:, None] * (1 - e.mean(axis=-1)[material])
     light = np.einsum("mbn,kbn->mkb", 1 - e, x["light"])[material] / e.shape[-1]
     light = light * (1 - sky_share)[:, None, None] / sigma  # (R, k, bands)
-    usual = light.mean(axis=1)
+    usual = np.einsum("k,rkb->rb", x["usual_lighting"], light)
     black = series[0].mean(axis=-1)
     of_reflected = (reflected / sigma)[:, None]
     alpha_step = share_sigma[:, None] * (x["sky_mean"] - black)
@@ -160,7 +160,7 @@ def hypotheses_of(known) -> Hypotheses:
         (1 - sky_share)[:, None, None] * (x["curve_spread"] / sigma),
         sky_share[:, None, None] * (x["sky_spread"] / sigma),
         (alpha_step / sigma)[:, None],
-        (light - usual[:, None]) * lighting_scale(k),
+        (light - light.mean(axis=1, keepdims=True)) * lighting_scale(k),
         glow[:, 1:],
     ], axis=1)  # fmt: skip
     mean = glow[:, 0] + usual + sky_share[:, None] * x["sky_mean"] / sigma

@@ -1,7 +1,7 @@
 """TeX-SGD unrolled: Gauss-Newton steps on Eq. 1 for the few likeliest hypotheses of a pixel.
 
 From `hypotheses` and `evidence` a pixel and a hypothesis come as x^ and S^-1. In x = (V', c(T)), V'
-being (V - 1/k) / v with v the prior standard deviation, c(T) the Hermite polynomials of
+being (V - V_usual) / v with v the prior standard deviation, c(T) the Hermite polynomials of
 t = (T - T_0) / tau, Eq. 1 costs, in nats over the evidence and with V on the simplex,
 
     E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 1, and the priors of `hypotheses`
@@ -54,9 +54,9 @@ class Refined(NamedTuple):
 
 
 def refine(
-    b: Blocks, x, row, t, guess, width=1.0, steps=STEPS, precision=GUESS_PRECISION
+    b: Blocks, x, row, t, guess, usual, width=1.0, steps=STEPS, precision=GUESS_PRECISION
 ) -> Refined:
-    """Minimise E from t (P,) and guess (k, P) for the hypotheses row (P,).
+    """Minimise E from t (P,) and guess (k, P) for the hypotheses row (P,), of a usual V (k,).
 
     x (k + n, P) are the x^ of `evidence` for these hypotheses; width is tau_1 / tau, at most 1;
     steps, at least 1, are those of T and V; precision is the kappa of b.
@@ -66,10 +66,10 @@ def refine(
     hot = one_hot(row, b.determinant.shape[0])
     vv, vt, tt, solve = (of_rows(a, hot) for a in (b.vv, b.vt, b.tt, b.solve))
     narrow = width**-2
-    v_hat, v_0 = x[:k], (guess - 1 / k) / scale
+    v_hat, v_0 = x[:k], (guess - usual[:, None]) / scale
     pull = precision * v_0 - (precision - 1) * v_hat
     pulled = _times(of_rows(b.pulled, hot), pull)
-    c_2, v_2 = (x + pulled)[k:], (x + pulled)[:k] * scale + 1 / k
+    c_2, v_2 = (x + pulled)[k:], (x + pulled)[:k] * scale + usual[:, None]
 
     def newton(t):
         """A step of T alone, 1 / its variance, c and its slope at t."""
@@ -101,14 +101,14 @@ def refine(
     return Refined(t=t, sigma=sigma, lighting=v, energy=energy)
 
 
-def deviations(h: Hypotheses, z, x, hot, t, lighting):
+def deviations(h: Hypotheses, z, x, hot, t, lighting, usual):
     """(q - r, P) likeliest coefficients of the deviations, in the order of the rows of F.
 
     z (d, P) by `components` and x (r, P) by `likeliest` of the hypotheses that are hot (R, P), at
-    t (P,) and lighting (k, P).
+    t (P,) and lighting (k, P), the usual one being (k,).
     """
-    k = lighting.shape[0]
-    at = torch.cat([(lighting - 1 / k) / lighting_scale(k), hermite(t)[0]])
+    v = (lighting - usual[:, None]) / lighting_scale(lighting.shape[0])
+    at = torch.cat([v, hermite(t)[0]])
     likeliest = _times(of_rows(h.to_deviation, hot), z) + of_rows(h.deviation_0, hot)
     return likeliest - _times(of_rows(h.sensitivity, hot), at - x)
 

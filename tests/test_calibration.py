@@ -199,7 +199,8 @@ def test_bands_off_among_each_other_are_found(name, bands, method, percent):
     assert np.median(error) < min(0.3, 0.7 * np.median(without))
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
     named = lambda d: (names_of(d) == names_of(truth)).mean()
-    assert named(d) > named(same) - 0.03 > named(believed) + 0.1
+    # (what is believed got better when the sky's share of the light was first asked for)
+    assert named(same) - named(d) < 0.03 and named(same) - named(believed) > 0.1
 
 
 def test_gains_far_larger_than_what_they_explain_are_not_taken():

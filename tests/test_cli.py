@@ -519,10 +519,15 @@ def test_the_truth_beside_the_cube_makes_the_comparison(capfd, tmp_path):
     words = ["decompose", cube, "--out", out_dir, "--method", "local", "--k", 3, "--json"]
     code, out, err = run(capfd, *words)
     assert code == 0 and last_json(out)["metrics"] and (out_dir / "comparison.png").exists()
+    (own := tmp_path / "own").mkdir()
+    (own / "comparison.png").write_bytes(b"somebody's")
     (tmp_path / "night.truth.npz").unlink()
     code, out, err = run(capfd, *words)
     assert code == 0 and last_json(out)["metrics"] is None
     assert not (out_dir / "comparison.png").exists(), "it was of another answer"
+    run(capfd, "decompose", cube, "--out", own, "--method", "local", "--k", 3)
+    assert (own / "decomposition.npz").exists()
+    assert (own / "comparison.png").read_bytes() == b"somebody's"
     code, out, err = run(capfd, *words, "--compare")
     assert code == 0 and (out_dir / "comparison.png").exists()
     assert last_json(out)["files"]["comparison"] == str(out_dir / "comparison.png")

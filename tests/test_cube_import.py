@@ -20,7 +20,7 @@ from texnet.files import raw_cube
 from texnet.files.cube_import import import_cube
 from texnet.files.cube_io import read_cube, write_cube
 from texnet.files.envi import read_envi
-from texnet.files.raw_cube import UNITS
+from texnet.files.units import UNITS
 
 ANY = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -494,7 +494,7 @@ def test_brightness_temperatures_that_are_said_to_be_become_radiance(tmp_path, c
 def test_a_unit_is_never_guessed(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
     assert "give --unit, one of W/m2/sr/um, mW" in refused(capfd, path, "--out", out)
-    assert "'flick' is no unit" in refused(capfd, path, "--out", out, "--unit", "flick")
+    assert "'DN' is no unit" in refused(capfd, path, "--out", out, "--unit", "DN")
 
 
 # --- .mat, .npz and .npy -----------------------------------------------------------------

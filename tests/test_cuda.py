@@ -64,8 +64,9 @@ def test_evidence_and_refinement_are_the_same(bands):
     best = lambda x: x[row, :, torch.arange(len(row))].T
     t, guess = torch.zeros(len(row)), torch.full((4, len(row)), 0.25)
     b = blocks(h, 4, GUESS_PRECISION)
-    found = refine(b, best(x), row, t, guess)
-    again = refine(there(b), *(a.cuda() for a in (best(x_there), row, t, guess)))
+    usual = known.usual_lighting
+    found = refine(b, best(x), row, t, guess, usual)
+    again = refine(there(b), *(a.cuda() for a in (best(x_there), row, t, guess, usual)))
     off = (again.t.cpu() - found.t).abs() / found.sigma
     assert off.max() < 0.05
     torch.testing.assert_close(again.lighting.cpu(), found.lighting, rtol=0, atol=5e-3)

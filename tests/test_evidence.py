@@ -52,7 +52,7 @@ def surroundings(w, nodes, k, rich, sky):
     cold = np.clip(0.25 + np.abs(w - 10.8) / 3.5, 0, 1) * planck(w, 285.0)
     warm = [planck(w, t) * (1 + 0.01 * np.sin(i + w)) for i, t in
             enumerate(np.linspace(280, 310, k - 1))]  # fmt: skip
-    more = {}
+    more = {"usual_lighting": np.arange(1, k + 1) / np.arange(1, k + 1).sum()}
     if rich:
         more["spread"] = np.stack([0.02 * planck(w, 290.0) * np.sin(w), 0.01 * cold])
         more["error_k"] = 0.3
@@ -166,9 +166,10 @@ class Dense:
         series = [np.tensordot(density * he[n], b, 1) for n in range(TERMS + 1)]
         glow = [(1 - alpha) * (nodes_e * c).mean(axis=-1) / x.sigma for c in series]
         light = [((1 - alpha) * (1 - nodes_e) * s).mean(axis=-1) for s in x.light]
-        centre, black = np.mean(light, axis=0), series[0].mean(axis=-1)
+        usual, centre = x.usual_lighting @ np.array(light), np.mean(light, axis=0)
+        black = series[0].mean(axis=-1)
         self.black, self.light = black, np.array(light)
-        self.mu = glow[0] + (centre + alpha * x.sky_mean) / x.sigma
+        self.mu = glow[0] + (usual + alpha * x.sky_mean) / x.sigma
         self.D = 1 + (g * x.error / x.sigma) ** 2
         self.d = len(x.spread) + len(x.skylight_spread)
         self.d += len(x.curve_spread) + len(x.sky_spread) + 1
@@ -515,7 +516,10 @@ def test_permutations():
     of_both = h._replace(precision=h.precision[both])
     same(evidence(hypotheses(shuffled), s), [a[both] for a in ours], of_both)
     order = [2, 0, 3, 1]
-    turned = known._replace(environment=known.environment[order], light=known.light[order])
+    turned = known._replace(
+        environment=known.environment[order], light=known.light[order],
+        usual_lighting=known.usual_lighting[order],
+    )  # fmt: skip
     theirs = evidence(hypotheses(turned), s)
     back = [1, 3, 0, 2, *range(4, 4 + TERMS)]
     same((theirs[0], theirs[1][:, back]), ours, h)

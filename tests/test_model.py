@@ -162,6 +162,7 @@ def test_permuting_library_and_environment_permutes_the_answer():
     other = known._replace(
         emissivity=known.emissivity[m], is_sky=known.is_sky[m],
         environment=known.environment[j], light=known.light[j], sky_object=known.sky_object[j],
+        usual_lighting=known.usual_lighting[j],
     )  # fmt: skip
     a, b = answer(known, cube, net), answer(other, cube, net)
     # where rounding may turn the choice between two materials all may change

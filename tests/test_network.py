@@ -69,6 +69,7 @@ def test_permuting_the_environment_permutes_lighting_alone():
         environment=known.environment[order],
         light=known.light[order],
         sky_object=known.sky_object[order],
+        usual_lighting=known.usual_lighting[order],
     )
     b = predict(net, turned, world.cube)
     assert_same(a._replace(log_lighting=a.log_lighting[order]), b, 2e-3)

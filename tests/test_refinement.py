@@ -42,11 +42,13 @@ class Start:
         self.s, self.precision = world.scaled(self.known, spectra), precision
         row = torch.as_tensor(world.material if row is None else row)
         self.row = row.reshape(len(self.s), -1).T
-        guess = np.full((len(self.s), world.k), 1 / world.k) if guess is None else guess
+        usual = world.environment.usual_lighting
+        guess = np.tile(usual, (len(self.s), 1)) if guess is None else guess
         self.guess = torch.as_tensor(guess).float()
         self.set(self.known)
 
     def set(self, known):
+        self.usual = known.usual_lighting
         self.h, k = hypotheses(known), self.world.k
         s = self.s.T.float()
         (self.log_evidence, self.x), self.z = evidence(self.h, s), components(self.h, s)
@@ -59,7 +61,8 @@ class Start:
         t = torch.zeros(len(self.s)) + torch.as_tensor(t, dtype=torch.float32)
         r = refine(
             self.blocks, self.x_row.flatten(1), self.row.flatten(), t.repeat(c),
-            self.guess.T.repeat(1, c), self.width, steps, self.precision,
+            self.guess.T.repeat(1, c), self.usual, self.width, steps,
+            self.precision,
         )  # fmt: skip
         assert all(a.dtype == torch.float32 for a in r)
         t, sigma, v, energy = (a.unflatten(-1, (c, -1)).double().numpy().T for a in r)
@@ -335,7 +338,8 @@ def test_a_black_body_has_the_temperature_of_its_own_light():
     # 1e-4 of the way to the prior's mean, 30 K away, and 0.002 noise units in each band
     assert np.abs(t - world.temperature).max() < 2e-3
     np.testing.assert_allclose(prior * r.sigma[:, 0], exact, rtol=2e-3)
-    np.testing.assert_allclose(r.lighting, 1 / 3, atol=1e-4)  # nothing is known of V
+    usual = np.broadcast_to(world.environment.usual_lighting, r.lighting.shape)
+    np.testing.assert_allclose(r.lighting, usual, atol=1e-4)  # nothing else is known of V
     noisy = Start(world)
     z = (mean + prior * noisy.refine().t[:, 0] - world.temperature) / exact
     assert abs(z.mean()) < 5 / np.sqrt(300) and abs(z.std() - 1) < 5 / np.sqrt(600)
@@ -400,7 +404,11 @@ def test_permuting_the_environment_permutes_lighting_alone():
     start, order = Start(world), [2, 0, 3, 1]
     turned = Start(world)
     of = start.known
-    turned.set(of._replace(environment=of.environment[order], light=of.light[order]))
+    turned.set(of._replace(
+        environment=of.environment[order], light=of.light[order],
+        usual_lighting=of.usual_lighting[order],
+    ))  # fmt: skip
+    turned.guess = turned.guess[:, order]
     a, b = start.refine(), turned.refine()
     np.testing.assert_allclose(a.lighting[..., order], b.lighting, atol=2e-3)
     np.testing.assert_allclose(a.t, b.t, atol=0.02 * a.sigma.min())
@@ -420,7 +428,8 @@ def test_deviations_of_the_surroundings_are_found_where_they_show():
     t = (torch.as_tensor(world.temperature).float() - mean) / prior
     lighting = torch.as_tensor(world.lighting).float().T
     hot = one_hot(start.row[0], len(start.h.sky_share))
-    found = deviations(start.h, start.z, start.x_row[:, 0], hot, t, lighting).T
+    usual = start.known.usual_lighting
+    found = deviations(start.h, start.z, start.x_row[:, 0], hot, t, lighting, usual).T
     one = dense(start.known)[0]
     f = one.F[: one.d] / np.sqrt(one.D)
     rest = start.s.numpy() - np.array(

@@ -6,8 +6,9 @@ wavelengths are those that the sky's ozone shows, if others than stated (`physic
 Then come the environment, from the cube; a sky that is not in view, if nothing else explains the
 pixels, and the camera's wavelengths, gains or offset or the air before it, if these show them, or
 curves that are off, if half of the materials ask for it, or more noise, if nothing fits
-(`camera.calibration`); how much of that air is before each pixel (`camera.distances`); and the
-environment again, from the cube as a right camera would have shown it.
+(`camera.calibration`); how much of that air is before each pixel (`camera.distances`); the
+environment again, from the cube as a right camera would have shown it; and how much of its light is
+the sky's (`physics.lighting`).
 """
 
 from dataclasses import replace
@@ -22,6 +23,7 @@ from physics.cube.prepared import Prepared, prepared
 from physics.cube.saturation import saturated
 from physics.environment import Environment
 from physics.estimate import USUAL_OBJECTS, Sample, completed, estimate_environment
+from physics.lighting import with_usual_lighting
 from physics.machinery.blas import no_blas_threads
 
 from .camera.calibration import calibration, error_of_given, sky_is_likelier
@@ -76,8 +78,9 @@ def circumstances(
         found = _with_estimated(ready, cold, k, seed, how, lap, progress)
     else:
         found = _with_given(ready, cold, environment, how, lap)
+    lit = with_usual_lighting(found["environment"], found["cube"], library, how["left_out"])
     lap("calibration")
-    return Circumstances(saturated=beyond, **found)
+    return Circumstances(saturated=beyond, **found | {"environment": lit})
 
 
 def _at_true_bands(given, cube, ready, library, seed):

@@ -151,7 +151,7 @@ def _answer(known, h, b, steps, *seen):
     of_final = row.gather(0, final)[0]
     chosen = one_hot(of_final, log_row.shape[0])
     x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
-    off = deviations(h, z, x, chosen, t, v)
+    off = deviations(h, z, x, chosen, t, v, known.usual_lighting)
     e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
     e = of_rows(e, one_hot(_material(of_final, materials), materials))
     texture, sky_texture, misfit = _texture(known, h, seen.spectra, chosen, e, temperature, v, off)
@@ -230,7 +230,8 @@ def _refined(known, b, x, row, score, seen, is_sky, steps):
     if not steps:
         return _unrefined(b, row, t, guess, width)
     pixel = torch.arange(t.shape[0], device=t.device).repeat(row.shape[0] - 1)
-    first = refine(b, x[0], row[0], t, guess, width, steps)
+    usual = known.usual_lighting
+    first = refine(b, x[0], row[0], t, guess, usual, width, steps)
     behind = score[0] - seen.trust * first.energy.clamp(min=0) - score[1:]
     # where sky is first, T may be that of the best of those that are not: all are refined, or none
     of_solid = (behind + AFTER_ALL_NATS * is_sky[1:]).amin(0)
@@ -238,7 +239,7 @@ def _refined(known, b, x, row, score, seen, is_sky, steps):
     close = (too_far < 0).flatten().nonzero()[:, 0]
     at = pixel[close]
     x_close = x[1:].transpose(0, 1).flatten(1)[:, close]
-    more = refine(b, x_close, row[1:].flatten()[close], t[at], guess[:, at], width, steps)
+    more = refine(b, x_close, row[1:].flatten()[close], t[at], guess[:, at], usual, width, steps)
     return Refined(*(
         torch.cat([a, a[..., pixel].index_copy(-1, close, c)], -1).unflatten(-1, row.shape)
         for a, c in zip(first, more, strict=True)

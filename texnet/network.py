@@ -70,7 +70,7 @@ def stem(known: Known, h: Hypotheses, spectra):
     t = pure_and_mixed(x[:, -TERMS].clamp(-MAX_T, MAX_T), materials)
     best = per_row.argmax(dim=0)
     v = x.gather(0, best.expand(1, k, -1))[0]
-    v = (v * lighting_scale(k) + 1 / k).clamp(min=0.0)
+    v = (v * lighting_scale(k) + known.usual_lighting[:, None]).clamp(min=0.0)
     return Stem(
         log_evidence=torch.maximum(pure, mixed) + log_sum,
         log_pure=log_pure, log_mixed=log_mixed,

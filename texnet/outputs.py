@@ -83,10 +83,11 @@ def write_decomposition(decomposition, pictures, truth, directory):
                     comparison_figure(decomposition, pictures, truth, made / "comparison.png")
             written.result()
         directory.mkdir(exist_ok=True)
+        older = (directory / "decomposition.npz").exists()  # else the picture is somebody's own
         for file in made.iterdir():
             os.replace(file, directory / file.name)
-        if pictures is None:
-            (directory / "comparison.png").unlink(missing_ok=True)  # of an older answer
+        if pictures is None and older:
+            (directory / "comparison.png").unlink(missing_ok=True)
     paths = {
         "decomposition": directory / "decomposition.npz",
         "tex_vision": directory / "tex_vision.png",

@@ -20,7 +20,7 @@ from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 from .methods import ONNX
 
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
-FORMAT = "6"  # of the file: another whenever the same weights answer otherwise, or more
+FORMAT = "7"  # of the file: another whenever the same weights answer otherwise, or more
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 

@@ -2,7 +2,7 @@
 
 For one pixel and one material, minimise over T and over V on the simplex
 
-    J = chi^2 / 2 + (T - T_prior)^2 / (2 sigma_T^2) + |V - 1/k|^2 / (2 sigma_V^2)
+    J = chi^2 / 2 + (T - T_prior)^2 / (2 sigma_T^2) + |V - V_usual|^2 / (2 sigma_V^2)
 
 in the r dimensions of `reduced`. The priors are as wide as the scene and matter only where the data
 say nothing: there the answer's sigma is the prior's, which is how the solver says that it cannot

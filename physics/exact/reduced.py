@@ -118,8 +118,7 @@ class ReducedModel:
     def inner_products(self, s, row):
         """h (P, r) and the constant of J (P,) of one hypothesis for noise-scaled s (P, bands)."""
         h = s @ self.project[:, row] + self.offset[row]
-        # the last part is that of the prior on V: precision |1/k|^2 = 3 k / k
-        constant = 0.5 * (s * s) @ self.scale[row] ** 2 + 0.5 * V_PRECISION
+        constant = 0.5 * (s * s) @ self.scale[row] ** 2 + self.of_usual
         return h, constant - 0.5 * ((s @ self.deflate[:, row]) ** 2).sum(axis=1)
 
     def rendered(self, row, temperature_k, lighting):
@@ -134,6 +133,11 @@ class ReducedModel:
         return tuple(faces.tables(self.gram, self.terms, *self.of_t))
 
     @property
+    def of_usual(self):
+        """|V|^2 / (2 sigma_V^2) of the usual V: the constant of J that its prior adds."""
+        return 0.5 * V_PRECISION * self.k * np.sum(self.environment.usual_lighting**2)
+
+    @property
     def of_t(self):
         """half, weight and mean, as `simplex.solve` takes them."""
         return self.half_k, self.prior_sigma_k**-2.0, self.prior_mean_k - self.mid_k
@@ -145,7 +149,7 @@ class ReducedModel:
         linear = np.concatenate([self.project, self.deflate], axis=2).transpose(1, 2, 0)
         last = np.pad(self.offset, ((0, 0), (0, self.deflate.shape[2])))
         linear = np.concatenate([linear, last[..., None]], axis=2)
-        square = np.pad(0.5 * self.scale**2, ((0, 0), (0, 1)), constant_values=0.5 * V_PRECISION)
+        square = np.pad(0.5 * self.scale**2, ((0, 0), (0, 1)), constant_values=self.of_usual)
         square[:, -1] += self.occam
         return np.ascontiguousarray(linear), square
 
@@ -193,7 +197,7 @@ def reduce_model(
     v = np.arange(terms, terms + k)
     gram[:, v, v] += V_PRECISION * k
     offset = np.zeros((len(of.material), terms + k))
-    offset[:, v] = V_PRECISION
+    offset[:, v] = V_PRECISION * k * environment.usual_lighting
     by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))
     return ReducedModel(
         library=library, environment=environment, wavelength_um=w, sigma=sigma,

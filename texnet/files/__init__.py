@@ -5,6 +5,7 @@ exr_file     OpenEXR files, written
 cube_import  third-party cubes (ENVI, HADAR, TeX-1500, .npy)
 envi         ENVI's headers and binaries
 mat_file     MATLAB's .mat
+units        of radiance, however they are written
 raw_cube     an array of a file, its unit and its axes -> a HeatCube
 library_io   libraries, also third parties' (HADAR .mat, ECOSTRESS, ENVI, CSV)
 environment_file  a measured environment, at a cube's bands

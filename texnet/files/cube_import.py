@@ -29,7 +29,8 @@ from .cube_io import read_cube, some_arrays, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
-from .raw_cube import UNIT_NAMES, RawCube, heat_cube, part_of, unit_of
+from .raw_cube import RawCube, heat_cube, part_of
+from .units import UNIT_NAMES, unit_of
 from .wavelengths import PER_UM
 
 HEAT_CUBE = "heat cube"
@@ -50,7 +51,7 @@ def import_cube(
 ):  # fmt: skip
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
-    unit             of its radiance, one of `raw_cube.UNIT_NAMES`; where the file leaves it open
+    unit             of its radiance, one of `units.UNIT_NAMES`; where the file leaves it open
     wavelengths_um, wavenumbers_cm1
                      of the first and the last band, equidistant; one of them, where the file
                      does not say where its bands lie

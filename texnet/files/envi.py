@@ -7,7 +7,7 @@ bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a
 ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
 
 The format has no word for the radiance's unit, but some write one, as data units, radiance data
-units or units: it is taken if it is one of radiance in `raw_cube.UNITS`. A unit of wavelength that
+units or units: it is taken if it is one of radiance in `units.UNITS`. A unit of wavelength that
 is not known is told by the values. The header's sizes are held against the binary's before anything
 is read.
 
@@ -24,7 +24,8 @@ import numpy as np
 
 from physics.errors import InputError
 
-from .raw_cube import KELVIN, RawCube, is_ignored, unit_of
+from .raw_cube import RawCube, is_ignored
+from .units import KELVIN, unit_of
 
 DTYPES = {
     1: "u1", 2: "i2", 3: "i4", 4: "f4", 5: "f8", 12: "u2", 13: "u4", 14: "i8", 15: "u8",

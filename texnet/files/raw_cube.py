@@ -12,7 +12,6 @@ a wrong unit shows; and in most pixels of a scene bands hardly differ in it, so 
 order show, too.
 """
 
-import re
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -24,25 +23,9 @@ from physics.errors import InputError
 from physics.machinery import scratch
 from physics.planck import brightness_temperature, planck
 
+from .units import KELVIN, UNITS
 from .wavelengths import PER_UM, ascending, in_um
 
-UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
-    "W/m2/sr/um": (1.0, False),
-    "mW/m2/sr/um": (1e-3, False),
-    "microflick": (1e-2, False),
-    "uW/cm2/sr/um": (1e-2, False),
-    "W/cm2/sr/um": (1e4, False),
-    "mW/cm2/sr/um": (10.0, False),
-    "uW/cm2/sr/nm": (10.0, False),  # usual of ENVI and FLAASH
-    "nW/cm2/sr/nm": (1e-2, False),
-    "mW/m2/sr/nm": (1.0, False),
-    "W/m2/sr/cm-1": (1.0, True),
-    "mW/m2/sr/cm-1": (1e-3, True),
-    "W/cm2/sr/cm-1": (1e4, True),
-}
-KELVIN = "K"  # brightness temperature
-UNIT_NAMES = *UNITS, KELVIN
-WRITTEN = str.maketrans("\u00b5\u03bc\u207b\u00b9\u00b2", "uu-12")  # two kinds of mu, powers
 OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
@@ -56,19 +39,6 @@ SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 UNREAL, AS_TEXT = 1e6, 1e-5
 
 
-def unit_of(said):
-    """Which of UNIT_NAMES a word means, such as uW/(cm^2*sr*nm); None if none."""
-    plain = said.lower().strip("{} ").translate(WRITTEN)
-    plain = re.sub(r"watts?", "w", re.sub(r"microns?|micrometers?", "um", plain))
-    # as in m^-2 sr^-1, but no cm^-1: that is a wavenumber
-    plain = re.sub(r"[\s*.]+(m|cm)\^?-2\b", r"/\g<1>2", plain)
-    plain = re.sub(r"[\s*.]+(sr|um|nm)\^?-1\b", r"/\1", plain)
-    plain = re.sub(r"/\(([^()]*)\)", lambda below: "/" + re.sub(r"[\s*]+", "/", below[1]), plain)
-    plain = re.sub(r"[\s^()]", "", plain)
-    plain = plain.replace("kelvin", "k")
-    return next((u for u in UNIT_NAMES if plain in (u.lower(), f"{u.lower()}s")), None)
-
-
 class RawCube(NamedTuple):
     """What a file holds and says; bands in the file's order.
 
@@ -77,7 +47,7 @@ class RawCube(NamedTuple):
              what was read of it does not stay in memory
     centre   (bands,) in axis, or None if the file does not say; fwhm likewise
     axis     "um", "nm" or "cm-1", of centre and fwhm
-    unit     one of UNIT_NAMES, or None if the file does not say
+    unit     one of `units.UNIT_NAMES`, or None if the file does not say
     gain, offset  (bands,) or one number for all
     good     (bands,) bool; None: all
     netd_k   noise at 300 K, K, or None if the file does not say
@@ -214,7 +184,7 @@ def _kept_bands(raw, bands):
 
 
 def _in_our_unit(numbers, unit, w):
-    """Radiance of numbers in one of UNIT_NAMES at wavelengths in um."""
+    """Radiance of numbers in one of `units.UNIT_NAMES` at wavelengths in um."""
     if unit == KELVIN:
         return planck(w, np.maximum(numbers, 1.0))  # no glow, as of 0 K
     factor, per_wavenumber = UNITS[unit]
