@@ -190,6 +190,26 @@ def test_a_camera_s_bands_may_differ_in_noise(stated):
     assert as_many(d) > as_many(right("forest", 36)) - 0.03
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_bands_that_are_noisier_are_found_to_be(stated):
+    """The outer third three times as noisy, as of a detector near its cut-off; nobody says so."""
+    cube, truth = traced("forest", 36)
+    relative = np.where(abs(np.arange(36) - 17.5) > 12, 3.0, 1.0)
+    more = np.sqrt(relative**2 - 1) * cube.sigma
+    noise = more[:, None, None] * np.random.default_rng(0).standard_normal(cube.radiance.shape)
+    netd_k = cube.netd_k if stated else None
+    shown = HeatCube(cube.radiance + noise, cube.wavelength_um, cube.fwhm_um, netd_k)
+    seen, bad = without_bad_bands(shown)
+    assert not bad
+    np.testing.assert_allclose(seen.relative_noise, relative, rtol=0.3)
+    d = decompose(shown)
+    assert d.noise_raised == 1 and not d.left_out
+    as_many = lambda d: (names_of(d) == names_of(truth)).mean()
+    told = decompose(replace(shown, relative_noise=relative))
+    assert as_many(d) > as_many(told) - 0.02
+    assert d.unknown.mean() < told.unknown.mean() + 0.05
+
+
 def test_a_noisy_band_that_shows_the_scene_is_not_stuck():
     """Whose contrast is a small part of its noise."""
     cube = traced("forest", 36)[0]

@@ -1,4 +1,4 @@
-"""Bands that tell nothing of the scene: found from the cube alone, and left out.
+"""Bands that tell nothing of the scene, or less than others: found from the cube alone.
 
 In kelvin at 300 K a working band shows the scene's contrast and the sensor's noise, which is what
 the other bands do not predict (`netd`). Bad is a band that is
@@ -8,6 +8,9 @@ the other bands do not predict (`netd`). Bad is a band that is
             bands on both sides do
     noisy   NOISY times as noisy as usual
     dark    without radiance in more than a few pixels (`dead_pixels`)
+
+and left out. Of MANY_BANDS one that is UNEVEN times as noisy as usual, or more, is taken to be so,
+unless the cube says how its bands' noise differs.
 
 With fewer than LEAST_BANDS bands, or few pixels, only what is the same everywhere is certain. With
 MANY_BANDS or more, a usual noise that is MORE times the NETD that is stated (as in a striped cube)
@@ -27,14 +30,14 @@ from .dead_pixels import FEW, lit
 from .heat_cube import LEAST_NETD_K, MAX_NETD_K, MIN_NETD_K
 from .netd import most_noise, noise_of_bands, squares_of, usual_noise
 
-NOISY, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.0, 0.1, 1.2
+NOISY, UNEVEN, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.2, 2.0, 0.1, 1.2
 OUTERMOST = 0.005  # of the pixels at either end
 LEAST_BANDS, MANY_BANDS = 8, 30
 NO_RADIANCE = f"no radiance in more than {FEW:.0%} of the pixels"
 
 
 def without_bad_bands(cube):
-    """A HeatCube less its bad bands, of the noise that it shows (itself if nothing is amiss), and
+    """A HeatCube less its bad bands, of the noise that they show (itself if nothing is amiss), and
     {wavelength_um: why} of the bad bands."""
     w, relative = cube.wavelength_um, cube.relative_noise
     squares = squares_of(cube) / cube.sigma_at(1.0)
@@ -45,8 +48,13 @@ def without_bad_bands(cube):
     good = np.array([b not in bad for b in range(len(w))])
     if bad:
         cube = cube.only(good)
+    squares = squares[..., good]
+    noise = _noise(squares) if cube.bands >= MANY_BANDS and (relative == 1).all() else None
+    if noise is not None:
+        noise = noise / max(np.median(noise), LEAST_NETD_K)
+        if (noise > UNEVEN).any():
+            cube = replace(cube, relative_noise=np.where(noise > UNEVEN, noise, 1.0))
     if cube.bands >= MANY_BANDS and cube.netd_k:
-        squares = squares[..., good]
         usual, most = usual_noise(squares), most_noise(squares)
         if usual is not None and usual > MORE * max(cube.netd_k, LEAST_NETD_K):
             cube = replace(cube, netd_k=min(usual, MAX_NETD_K))

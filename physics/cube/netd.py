@@ -7,10 +7,11 @@ the others' noise; scaled to a length of 1 it has the noise of one band, if all 
 the pixels where the other diagonal of the same square differs least, whose noise is its own.
 
 Noise that bands share, as of a spectrum that was apodised or resampled, other bands predict. Where
-they are many, scenes fill less than half of their principal components, and noise is at least the
-median of these, but for the few pixels that differ in that half far more than most: detectors that
-are defective, and would make up all of it. One band predicts nothing: there noise is the second
-differences down the rows, where they are least.
+they are many, it is also looked at in bands that lie apart, and taken from there if it is SHARED
+times as much; and scenes fill less than half of their principal components, so noise is at least
+the median of these, but for the few pixels that differ in that half far more than most: detectors
+that are defective, and would make up all of it. One band predicts nothing: there noise is the
+second differences down the rows, where they are least.
 
 What varies from pixel to pixel in all bands alike looks like noise: with few bands and a quiet
 camera it comes out too large (`benchmarks.netd`).
@@ -25,7 +26,7 @@ from .saturation import saturated
 SAMPLES = 6000  # pixels
 CALM, PER_BAND = 0.25, 4  # of the pixels, or so many for each band, if that is more
 LEAST_PER_BAND = 2
-APART = 4  # bands
+APART, SHARED = 4, 1.3  # bands; over what they seem to have beside each other
 COMPONENTS, MANY_BANDS = 12, 30  # bands of whose components half may be, and are, noise
 # pixels of so many times most pixels' variance in that half are defective; sweeps to find them
 DEFECTIVE, SWEEPS = 4.0, 6
@@ -44,7 +45,11 @@ def estimated_netd(cube):
     if len(in_k) == 1:
         noise = _of_one_band(cube, np.flatnonzero(shows)[0])
     else:
-        noise = usual_noise(squares[..., shows] / in_k)
+        squares = squares[..., shows] / in_k
+        noise = usual_noise(squares)
+        if noise is not None and len(in_k) >= MANY_BANDS:
+            apart = _noise_apart(squares)
+            noise = apart if apart > SHARED * noise else noise
     if noise is None:  # too few squares without a hole
         noise = _of_components(cube.sample(SAMPLES)[:, shows] / in_k)
     if noise is None:
@@ -90,26 +95,49 @@ def usual_noise(squares):
 def most_noise(squares):
     """The same of bands that lie APART: what only those beside them share, as of a spectrum that
     was apodised or resampled, they do not predict, nor all of the texture."""
-    some = [usual_noise(squares[..., first::APART]) for first in range(APART)]
+    some = _of_apart(squares)
     return None if None in some else max(some)
+
+
+def _of_apart(squares):
+    return [usual_noise(squares[..., first::APART]) for first in range(APART)]
+
+
+def _noise_apart(squares):
+    """What is usual of bands that lie APART, but for defective pixels; 0 if too little is left."""
+    sound = [_sound(spectra) for spectra in squares]
+    if any(which is None for which in sound):
+        return 0.0
+    some = _of_apart(squares[:, np.all(sound, axis=0)])
+    return 0.0 if None in some else float(np.median(some))
 
 
 def _of_components(spectra):
     """The median of the principal components of spectra (n, bands), half of which are of noise
     where bands are many, be it shared by some of them or not; None where they are too few."""
+    if spectra.shape[1] < COMPONENTS:
+        return None
+    sound = _sound(spectra)
+    if sound is None:
+        return None
+    variance = np.linalg.eigvalsh(np.cov(spectra[sound].T))
+    return float(np.sqrt(max(0.0, np.median(variance))))  # rounding can bring it below 0
+
+
+def _sound(spectra):
+    """(n,) bool, which of spectra (n, bands) are no defective pixels', by the half of their
+    principal components that is noise; None where these are too few."""
     bands = spectra.shape[1]
     off, sound = spectra - np.median(spectra, axis=0), np.ones(len(spectra), bool)
-    if bands < COMPONENTS:
-        return None
     for _ in range(SWEEPS):
         if np.count_nonzero(sound) <= LEAST_PER_BAND * bands:
             return None
-        variance, axes = np.linalg.eigh(np.cov(spectra[sound].T))
+        axes = np.linalg.eigh(np.cov(spectra[sound].T))[1]
         square = ((off @ axes[:, : bands // 2]) ** 2).sum(axis=1)
         before, sound = sound, square <= DEFECTIVE * np.median(square)
         if (sound == before).all():
             break
-    return float(np.sqrt(max(0.0, np.median(variance))))  # rounding can bring it below 0
+    return sound
 
 
 def noise_of_bands(differences, texture, alike):
