@@ -36,7 +36,7 @@ def world_of(sky_share, n=1500, **how):
 # --- of pixels that the model made ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sky_share", [0.05, 0.15, 0.25])
+@pytest.mark.parametrize("sky_share", [0.05, 0.1, 0.15])
 @pytest.mark.parametrize("bands", [6, 24])
 def test_the_share_that_made_the_pixels_is_found(sky_share, bands):
     """One of three objects is sky, so a third is what is thought beforehand."""
@@ -62,8 +62,9 @@ def test_pixels_are_likelier_with_it():
     assert nats[1] > nats[0] + 0.05
 
 
-def test_more_sky_than_its_share_changes_nothing():
-    world = world_of(0.8, bands=12)
+@pytest.mark.parametrize("sky_share", [0.3, 0.8])
+def test_more_sky_than_its_share_or_about_as_much_changes_nothing(sky_share):
+    world = world_of(sky_share, bands=12)
     start = even(world.environment)
     found = with_usual_lighting(start, world.cube, world.library)
     np.testing.assert_array_equal(found.usual_lighting, start.usual_lighting)
