@@ -142,7 +142,7 @@ def test_every_file_is_written(tmp_path, with_truth, sky):
     d.sky = sky
     d.material_names = ("grass", "water", "sky", "bark, wet")
     pictures = baseline_pictures(made_up.cube(truth))
-    paths = write_decomposition(d, pictures, truth if with_truth else None, tmp_path)
+    paths = write_decomposition(d, tmp_path, pictures, truth if with_truth else None)
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in paths.values()} == {
         "decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr"
     }  # fmt: skip
@@ -182,7 +182,7 @@ def test_figures_of_answers_without_sky_or_ground(tmp_path):
         d.material = np.full_like(d.material, i)
         d.sky_texture = np.ones_like(d.sky_texture)
         d.temperature_sigma_k = np.full_like(d.temperature_sigma_k, np.inf)
-        write_decomposition(d, pictures, truth, tmp_path / name)
+        write_decomposition(d, tmp_path / name, pictures, truth)
         assert (tmp_path / name / "maps.png").stat().st_size > 1000
 
 
@@ -190,12 +190,12 @@ def test_a_failure_leaves_an_older_answer_as_it_was(tmp_path, monkeypatch):
     truth = made_up.truth()
     d, out = made_up.perfect(truth), tmp_path / "out"
     pictures = baseline_pictures(made_up.cube(truth))
-    write_decomposition(d, pictures, truth, out)
+    write_decomposition(d, out, pictures, truth)
     before = {p.name: p.read_bytes() for p in out.iterdir()}
     broken = SimpleNamespace(**vars(d) | {"temperature_k": d.temperature_k + 1})
     monkeypatch.setattr(OpenEXR, "File", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
-        write_decomposition(broken, pictures, truth, out)
+        write_decomposition(broken, out, pictures, truth)
     assert {p.name: p.read_bytes() for p in out.iterdir()} == before
     assert list(tmp_path.iterdir()) == [out]
 
@@ -204,7 +204,7 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
     truth = made_up.truth()
     (tmp_path / "out").write_text("mine")
     with pytest.raises(InputError, match="it is a file"):
-        write_decomposition(made_up.perfect(truth), None, truth, tmp_path / "out")
+        write_decomposition(made_up.perfect(truth), tmp_path / "out", truth=truth)
     assert (tmp_path / "out").read_text() == "mine"
 
 

@@ -6,6 +6,7 @@
     >>> answer = texnet.decompose(cube)
     >>> answer.temperature_k, answer.temperature_sigma_k, answer.material, answer.unknown
     >>> picture = texnet.tex_vision(answer)
+    >>> texnet.write_decomposition(answer, "answer")  # what `texnet decompose` writes
 
 What to give `decompose`, and what else an answer holds, their docstrings say. The map:
 
@@ -43,6 +44,7 @@ _HOMES = {
     "MaterialLibrary": "physics",
     "import_cube": "texnet.files.cube_import", "read_cube": "texnet.files.cube_io",
     "tex_vision": "texnet.vision", "write_cube": "texnet.files.cube_io",
+    "write_decomposition": "texnet.outputs",
 }  # fmt: skip
 __all__ = list(_HOMES)
 

@@ -101,7 +101,7 @@ def decompose(args):
         cube = cube.only(np.isin(cube.wavelength_um, d.wavelength_um))
     pictures = baseline_pictures(cube) if args.compare or truth is not None else None
     metrics = None if truth is None else _metrics(d, pictures, truth)
-    paths = write_decomposition(d, pictures, truth, args.out)
+    paths = write_decomposition(d, args.out, pictures, truth)
     result = {
         "command": "decompose", "cube": args.cube, "method": method, "k": len(d.environment),
         **_of_answer(d, cube), "metrics": metrics, "files": paths,

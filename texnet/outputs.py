@@ -57,11 +57,11 @@ def check_directory(directory, *inputs, names=FILES):
         check_writable(directory)
 
 
-def write_decomposition(decomposition, pictures, truth, directory):
+def write_decomposition(decomposition, directory, pictures=None, truth=None):
     """Write the files of a Decomposition into directory, made if it is not there.
 
-    pictures  baselines.baseline_pictures of the cube, for comparison.png; None: without
-    truth     the cube's Truth or None; with it the figures show it and the errors
+    pictures  texnet.baselines.baseline_pictures of the cube, for comparison.png; None: without
+    truth     the cube's physics.truth.Truth; with it the figures show it and the errors
 
     Returns {"decomposition": path, "tex_vision": ..., "maps": ..., "comparison": ...,
     "maps_exr": ...}. All files are made in a hidden neighbour first, so that a failure or
