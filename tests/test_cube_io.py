@@ -190,6 +190,23 @@ def test_truncated_files_are_refused_quietly(tmp_path, capfd, cube, suffix, part
     assert capfd.readouterr() == ("", ""), "the library's own complaints must not show"
 
 
+def test_what_others_say_meanwhile_is_said(tmp_path, capfd, monkeypatch, cube):
+    """A thread that prints, or a library that writes to stderr itself, while a cube is read."""
+    path = tmp_path / "cube.exr"
+    write_cube(cube, path)
+    real = OpenEXR.File
+
+    def talkative(*args, **how):
+        print("a line")
+        os.write(2, b"a warning\n")
+        return real(*args, **how)
+
+    monkeypatch.setattr(OpenEXR, "File", talkative)
+    read_cube(path)
+    out, err = capfd.readouterr()
+    assert set(out.split("\n")) == {"a line", ""} and set(err.split("\n")) == {"a warning", ""}
+
+
 @pytest.mark.parametrize("suffix", [".exr", ".npz"])
 def test_a_flipped_byte_is_noticed(tmp_path, cube, suffix):
     path = tmp_path / f"cube{suffix}"

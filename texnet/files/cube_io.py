@@ -16,12 +16,14 @@ and, if known, fwhm_um (bands,) and netd_k (a scalar; NaN: not known).
 import io
 import os
 import re
+import sys
 import threading
 import zipfile
 from contextlib import contextmanager, redirect_stdout
 from decimal import Decimal
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -225,21 +227,27 @@ _ALONE = threading.Lock()  # both are the process's, not a thread's
 
 @contextmanager
 def _quiet_library():
-    """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's)."""
-    with _ALONE, redirect_stdout(io.StringIO()):
+    """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's). On a sound
+    file it has none: what was said meanwhile, by other threads, is said after."""
+    out, err = io.StringIO(), b""
+    with _ALONE, redirect_stdout(out), TemporaryFile() as file:
         try:
             saved = os.dup(2)
         except OSError:  # closed already
             yield
-            return
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, 2)
-        try:
-            yield
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            os.close(null)
+        else:
+            os.dup2(file.fileno(), 2)
+            try:
+                yield
+            finally:
+                os.dup2(saved, 2)
+                os.close(saved)
+            file.seek(0)
+            err = file.read()
+    if out.getvalue():
+        sys.stdout.write(out.getvalue())
+    if err:
+        os.write(2, err)
 
 
 def _read_exr(path):
