@@ -15,9 +15,9 @@ with, in the rows of F_h, what the pixel is free in, one standard deviation long
     (1 - alpha)(1 - e_m)(S_j - mean S) / sqrt(3 k)                         (lighting, x_V)
     (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
 
-g_h = (1 - alpha)(1 - e_m); of wide bands e_m B and (1 - e_m) S_j are the means of products. Of s
-only z = U s is looked at, the few components (`basis`) in which the scene's spectra differ by more
-than noise. With U C_h U' = L L',
+about mu_h, which is that of the usual V. g_h = (1 - alpha)(1 - e_m); of wide bands e_m B and (1 -
+e_m) S_j are the means of products. Of s only z = U s is looked at, the few components (`basis`) in
+which the scene's spectra differ by more than noise. With U C_h U' = L L',
 
     w = L^-1 (z - U mu),         log p(z | h) = -|w|^2 / 2 - log det(L) + log prior,
     x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
