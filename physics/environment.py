@@ -36,7 +36,8 @@ class Environment(ReadOnly):
     within         (len(sky), bands, n) the sky's objects at n wavelengths within each band, as
                    `bands.quadrature` has them, in whatever unit; None: even
     curve_spread   (d, bands) one-sigma deviations of what is no sky, since its curve may be off
-    usual_lighting (k,) V in the mean over the scene (`lighting`), a priori; None: 1/k each
+    usual_lighting (k,) V in the mean over the scene, a priori; None: 1/k each, unless its pixels
+                   ask for another (`lighting`)
 
     Raises InputError where the data are not that.
     """
@@ -104,17 +105,14 @@ class Environment(ReadOnly):
                 raise InputError("environment: within must be finite and positive.")
             within.setflags(write=False)
             object.__setattr__(self, "within", within)
-        usual = np.full(len(s), 1 / len(s))
         if self.usual_lighting is not None:
-            usual = np.array(
-                numbers(self.usual_lighting, "environment: usual_lighting"), np.float64
-            )
+            usual = numbers(self.usual_lighting, "environment: usual_lighting").astype(np.float64)
             if usual.shape != (len(s),) or not (usual >= 0).all() or abs(usual.sum() - 1) > 1e-5:
                 raise InputError(
                     f"environment: usual_lighting must be {len(s)} shares that sum to 1."
                 )
-        usual.setflags(write=False)
-        object.__setattr__(self, "usual_lighting", usual)
+            usual.setflags(write=False)
+            object.__setattr__(self, "usual_lighting", usual)
         s.setflags(write=False)
         object.__setattr__(self, "radiance", s)
         object.__setattr__(self, "sky", sky)
@@ -130,6 +128,13 @@ class Environment(ReadOnly):
 
     def __len__(self):
         return len(self.radiance)
+
+    @property
+    def usual(self):
+        """(k,) usual_lighting, or 1/k each."""
+        if self.usual_lighting is None:
+            return np.full(len(self), 1 / len(self))
+        return self.usual_lighting
 
     def only(self, good):
         """The Environment of some of its bands, (bands,) bool."""
@@ -170,8 +175,8 @@ class Environment(ReadOnly):
         seen_k = brightness_temperature(self.wavelength_um, self.radiance)
         off = error * planck_derivative(self.wavelength_um, seen_k)
         # of sum V_j off_j, of any V as likely as it is a priori, the two directions that vary most
-        usual, free = self.usual_lighting @ off, (off - off.mean(axis=0)) * lighting_scale(len(off))
-        rows = np.concatenate([usual[None], free])
+        free = (off - off.mean(axis=0)) * lighting_scale(len(off))
+        rows = np.concatenate([(self.usual @ off)[None], free])
         _, length, direction = np.linalg.svd(rows, full_matrices=False)
         rows = (length[:, None] * direction)[:2]
         return replace(self, spread=np.concatenate([self.spread, rows]))
@@ -190,7 +195,7 @@ class Environment(ReadOnly):
         w, s = self.wavelength_um, self.radiance
         usual_k = np.median(brightness_temperature(w, s).max(axis=1))  # the sky's: about the air's
         off = np.concatenate([
-            [planck(w, usual_k) - self.usual_lighting @ s],
+            [planck(w, usual_k) - self.usual @ s],
             (s - s.mean(axis=0)) * lighting_scale(len(s)),
             [MIN_TEMPERATURE_SPREAD_K * planck_derivative(w, usual_k)],
         ])  # fmt: skip

@@ -28,7 +28,7 @@ class Known(NamedTuple):
     nodes_um (bands, n) um, quadrature nodes of every band; sigma (bands,) its noise;
     emissivity (materials, bands, n) at the nodes; is_sky (materials,) 1 for the sky, else 0;
     environment (k, bands), and light (k, bands, n), the same at the nodes;
-    sky_object (k,) 1 for the objects that stand for the sky; usual_lighting (k,) as in Environment;
+    sky_object (k,) 1 for the objects that stand for the sky; usual_lighting (k,) the usual V;
     spread, skylight_spread, curve_spread, sky_spread (d, bands) and error (bands,) as in
     Environment;
     sky_mean (bands,), or zeros where no sky is in view;
@@ -92,7 +92,7 @@ def known_arrays(cube, library, environment):
     arrays = dict(
         nodes_um=nodes, sigma=cube.sigma, emissivity=curves, is_sky=library.is_sky,
         environment=environment.radiance, light=environment.at_nodes(nodes),
-        sky_object=sky_object, usual_lighting=environment.usual_lighting, spread=environment.spread,
+        sky_object=sky_object, usual_lighting=environment.usual, spread=environment.spread,
         skylight_spread=environment.skylight_spread, curve_spread=environment.curve_spread,
         sky_spread=environment.sky_spread,
         error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
@@ -120,7 +120,7 @@ def _basis(s, cube, emissivity, environment, mean_k, spread_k):
         environment.skylight_spread,
     ])  # fmt: skip
     e = emissivity[:, None]
-    usual = environment.usual_lighting @ environment.radiance
+    usual = environment.usual @ environment.radiance
     mean = e[:, 0] * glow[1] + (1 - e[:, 0]) * usual
     of_library = np.concatenate([
         e * (glow[2] - glow[0]) / 2, (1 - e) * light, (mean - mean.mean(axis=0))[:, None]

@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .cube.heat_cube import HeatCube
+from .cube.heat_cube import HeatCube, sampling_step
 from .hypotheses import hypotheses_of
 from .known import MAX_OBJECTS, known_arrays
 from .prior import lighting_scale
@@ -35,18 +35,20 @@ WORK = 1 << 22  # pixels times components of all hypotheses, at once
 
 def with_usual_lighting(environment, cube, library, left_out=None):
     """The Environment of a HeatCube, of a right camera, with the V that is usual in its scene, by a
-    MaterialLibrary; as it is, where all of it is sky, or nothing, or there is nothing to choose.
+    MaterialLibrary; as it is, where it says what is usual, all or nothing of it is sky, or there is
+    nothing to choose.
 
     left_out  (height, width) bool: pixels that say nothing, the dead ones among them
     """
     k = len(environment)
     sky = np.isin(np.arange(k), environment.sky)
-    if not sky.any() or sky.all() or k > MAX_OBJECTS or library.is_sky.sum() > len(library) - 2:
+    nothing = not sky.any() or sky.all() or library.is_sky.sum() > len(library) - 2
+    if nothing or k > MAX_OBJECTS or environment.usual_lighting is not None:
         return environment
     there = np.flatnonzero(~(cube.dead if left_out is None else left_out))
     if not there.size:
         return environment
-    some = cube.pixels(there[:: -(-there.size // PIXELS)]).T
+    some = cube.pixels(there[:: sampling_step(cube.shape, PIXELS * cube.dead.size // there.size)]).T
     part = HeatCube(
         some[:, None], cube.wavelength_um, cube.fwhm_um, cube.netd_k,
         relative_noise=cube.relative_noise, quiet=cube.quiet,

@@ -202,6 +202,9 @@ def test_bands_that_are_noisier_are_found_to_be(stated):
     seen, bad = without_bad_bands(shown)
     assert not bad
     np.testing.assert_allclose(seen.relative_noise, relative, rtol=0.3)
+    if stated:
+        assert seen.netd_k == cube.netd_k
+    assert seen.with_netd().netd_k == pytest.approx(cube.netd_k, rel=0.15)
     d = decompose(shown)
     assert d.noise_raised == 1 and not d.left_out
     as_many = lambda d: (names_of(d) == names_of(truth)).mean()

@@ -25,7 +25,7 @@ def test_a_product_of_powers_in_any_order_is_the_unit_of_its_size(
     watts, area, density, order, times, power
 ):
     per_cm1 = density == "cm-1"
-    of = "cm" if per_cm1 else f"{density}{power}-1"
+    of = f"(cm{power}-1){power}-1" if per_cm1 else f"{density}{power}-1"
     factors = [watts, f"{area}{power}-2", f"sr{power}-1", of]
     found = unit_of(times.join(factors[i] for i in order))
     size = WATTS[watts] * AREAS[area] * PER_UM.get(density, 1.0)
@@ -57,7 +57,9 @@ def _near(size):
         ("W/m2/um/steradian", "W/m2/sr/um"), ("uW/cm^2/nm/sr", "uW/cm2/sr/nm"),
         ("uFlick", "microflick"), ("micro-flicks", "microflick"), ("flick", "W/cm2/sr/um"),
         ("W/(m2 sr cm-1)", "W/m2/sr/cm-1"), ("W/(cm2*sr*cm-1)", "W/cm2/sr/cm-1"),
-        ("W m-2 sr-1 (cm-1)-1", "W/m2/sr/cm-1"), ("Kelvin", "K"), ("kelvins", "K"),
+        ("W m-2 sr-1 (cm-1)-1", "W/m2/sr/cm-1"),
+        ("(W/m2/sr/um)", "W/m2/sr/um"), ("W/m^(2)/sr/um", "W/m2/sr/um"), ("(K)", "K"),
+        ("Kelvin", "K"), ("kelvins", "K"),
     ],
 )  # fmt: skip
 def test_what_people_write(said, name):
@@ -67,7 +69,9 @@ def test_what_people_write(said, name):
 @pytest.mark.parametrize(
     "said",
     ["", "DN", "counts", "reflectance", "W", "W/m2", "W/m2/sr", "W/m2/um", "W2/m2/sr/um", "sr",
-     "W/m2/sr/um/um", "m/W/sr", "J/m2/sr/um", "W/m2/sr/kg", "1e-6 W/m2/sr/um", "W/(m2", "C", "K/m"],
+     "W/m2/sr/um/um", "m/W/sr", "J/m2/sr/um", "W/m2/sr/kg", "1e-6 W/m2/sr/um", "W/(m2", "C", "K/m",
+     "W/cm2/sr um", "W/cm2/sr*um", "W/(cm2 sr) um", "W cm-2 sr-1 um-1 m", "mW/cm2/sr um",
+     "W cm-2 sr-1 cm-1", "W/cm2/sr/cm", "W m-2 sr-1 cm-1", "W/m2/sr/m", "flick/um", "flick2"],
 )  # fmt: skip
 def test_what_is_no_radiance(said):
     assert unit_of(said) is None

@@ -78,9 +78,18 @@ def circumstances(
         found = _with_estimated(ready, cold, k, seed, how, lap, progress)
     else:
         found = _with_given(ready, cold, environment, how, lap)
-    lit = with_usual_lighting(found["environment"], found["cube"], library, how["left_out"])
+    allowing = partial(_allowing, found["environment_error_k"], found["found"].curves)
+    environment = found["environment"]
+    lit = with_usual_lighting(allowing(environment), found["cube"], library, how["left_out"])
+    environment = replace(environment, usual_lighting=lit.usual_lighting)
     lap("calibration")
-    return Circumstances(saturated=beyond, **found | {"environment": lit})
+    return Circumstances(saturated=beyond, **found | {"environment": allowing(environment)})
+
+
+def _allowing(error_k, curves, environment):
+    """An Environment that may be so many K off, of materials whose curves may."""
+    environment = environment.off_by(error_k) if error_k else environment
+    return environment.with_curves_off_by(curves) if curves else environment
 
 
 def _at_true_bands(given, cube, ready, library, seed):
@@ -97,12 +106,9 @@ def _with_given(ready, cold, given, how, lap):
     is far hotter; how holds `calibration`'s other arguments."""
     lap("environment")
     found, error_k = error_of_given(cold, given, **how)
-    surroundings = given.off_by(error_k) if error_k else given
-    if found.curves:
-        surroundings = surroundings.with_curves_off_by(found.curves)
     return dict(
         ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
-        environment=surroundings, environment_error_k=error_k,
+        environment=given, environment_error_k=error_k,
         sky_assumed=False, found=found, distance_m=None,
     )  # fmt: skip
 
@@ -127,8 +133,8 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
         cube = corrected(cube, found, off)
         environment = estimate(cube, assume_sky=assumed)
     return dict(
-        ready=ready, cube=cube, environment=environment.with_curves_off_by(found.curves),
-        environment_error_k=0.0, sky_assumed=assumed, found=found,
+        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
+        sky_assumed=assumed, found=found,
         distance_m=off and off.metres,
     )  # fmt: skip
 

@@ -56,7 +56,7 @@ def _residuals(model, spectrum, r, fwhm_um):
         return np.concatenate([
             root @ ((spectrum - s) / model.sigma),
             [(t - model.prior_mean_k) / model.prior_sigma_k],
-            (V_PRECISION * k) ** 0.5 * (v - 1 / k),
+            (V_PRECISION * k) ** 0.5 * (v - model.environment.usual),
         ])  # fmt: skip
 
     return residual

@@ -54,6 +54,7 @@ def without_bad_bands(cube):
         noise = noise / max(np.median(noise), LEAST_NETD_K)
         if (noise > UNEVEN).any():
             cube = replace(cube, relative_noise=np.where(noise > UNEVEN, noise, 1.0))
+            squares = squares / cube.relative_noise
     if cube.bands >= MANY_BANDS and cube.netd_k:
         usual, most = usual_noise(squares), most_noise(squares)
         if usual is not None and usual > MORE * max(cube.netd_k, LEAST_NETD_K):

@@ -7,11 +7,12 @@ the others' noise; scaled to a length of 1 it has the noise of one band, if all 
 the pixels where the other diagonal of the same square differs least, whose noise is its own.
 
 Noise that bands share, as of a spectrum that was apodised or resampled, other bands predict. Where
-they are many, it is also looked at in bands that lie apart, and taken from there if it is SHARED
-times as much; and scenes fill less than half of their principal components, so noise is at least
-the median of these, but for the few pixels that differ in that half far more than most: detectors
-that are defective, and would make up all of it. One band predicts nothing: there noise is the
-second differences down the rows, where they are least.
+bands are so many that those which lie APART predict the texture, too, it is also looked at in
+these, and taken from there if it is SHARED times as much. Where they are many, scenes fill less
+than half of their principal components, and noise is at least the median of these, but for the few
+pixels that differ in that half far more than most: detectors that are defective, and would make up
+all of it. One band predicts nothing: there noise is the second differences down the rows, where
+they are least.
 
 What varies from pixel to pixel in all bands alike looks like noise: with few bands and a quiet
 camera it comes out too large (`benchmarks.netd`).
@@ -47,7 +48,7 @@ def estimated_netd(cube):
     else:
         squares = squares[..., shows] / in_k
         noise = usual_noise(squares)
-        if noise is not None and len(in_k) >= MANY_BANDS:
+        if noise is not None and len(in_k) >= APART * COMPONENTS:  # else texture is not predicted
             apart = _noise_apart(squares)
             noise = apart if apart > SHARED * noise else noise
     if noise is None:  # too few squares without a hole

@@ -135,7 +135,7 @@ class ReducedModel:
     @property
     def of_usual(self):
         """|V|^2 / (2 sigma_V^2) of the usual V: the constant of J that its prior adds."""
-        return 0.5 * V_PRECISION * self.k * np.sum(self.environment.usual_lighting**2)
+        return 0.5 * V_PRECISION * self.k * np.sum(self.environment.usual**2)
 
     @property
     def of_t(self):
@@ -197,7 +197,7 @@ def reduce_model(
     v = np.arange(terms, terms + k)
     gram[:, v, v] += V_PRECISION * k
     offset = np.zeros((len(of.material), terms + k))
-    offset[:, v] = V_PRECISION * k * environment.usual_lighting
+    offset[:, v] = V_PRECISION * k * environment.usual
     by_band = lambda rows: np.ascontiguousarray(rows.transpose(2, 0, 1))
     return ReducedModel(
         library=library, environment=environment, wavelength_um=w, sigma=sigma,

@@ -228,26 +228,35 @@ _ALONE = threading.Lock()  # both are the process's, not a thread's
 @contextmanager
 def _quiet_library():
     """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's). On a sound
-    file it has none: what was said meanwhile, by other threads, is said after."""
-    out, err = io.StringIO(), b""
-    with _ALONE, redirect_stdout(out), TemporaryFile() as file:
+    file it has none: what other threads said meanwhile is said after."""
+    out = io.StringIO()
+    with _ALONE:
         try:
             saved = os.dup(2)
         except OSError:  # closed already
-            yield
-        else:
-            os.dup2(file.fileno(), 2)
-            try:
+            with redirect_stdout(out):
                 yield
-            finally:
-                os.dup2(saved, 2)
-                os.close(saved)
-            file.seek(0)
-            err = file.read()
+        else:
+            with _unheard() as words, redirect_stdout(out):
+                os.dup2(words.fileno(), 2)
+                try:
+                    yield
+                finally:
+                    os.dup2(saved, 2)
+                    os.close(saved)
+                words.seek(0)
+                if err := words.read():
+                    os.write(2, err)
     if out.getvalue():
         sys.stdout.write(out.getvalue())
-    if err:
-        os.write(2, err)
+
+
+def _unheard():
+    """A file for words, or where there is no room for one, nowhere."""
+    try:
+        return TemporaryFile()
+    except OSError:
+        return open(os.devnull, "w+b")
 
 
 def _read_exr(path):

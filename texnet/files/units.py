@@ -1,8 +1,8 @@
 """Units of spectral radiance, however they are written.
 
 A unit is a product of powers: W m-2 sr-1 um-1, uW/(cm^2*sr*nm) and W/m^2/sr/cm^-1 are read factor
-by factor, in any order, and mean the unit of UNITS of the same size and dimension: W m-2 sr-1 per
-length is radiance per um, W m-2 sr-1 times length is radiance per cm-1.
+by factor, in any order: watts, an area, a steradian, and um, nm or cm-1, no more and no less. They
+mean the unit of UNITS of the same size.
 """
 
 import math
@@ -25,7 +25,9 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
 KELVIN = "K"  # brightness temperature
 UNIT_NAMES = *UNITS, KELVIN
 PREFIXES = {"": 1.0, "n": 1e-9, "u": 1e-6, "m": 1e-3}
-LENGTHS = {"m": 1.0, "cm": 1e-2, "um": 1e-6, "nm": 1e-9}  # in m
+PER_M2 = {"m": 1.0, "cm": 1e4}
+# of a factor: size, whether per cm-1. Not per cm, which is rather a cm-1 that is written wrongly
+DENSITIES = {("um", -1): (1.0, False), ("nm", -1): (1e3, False), ("cm", 1): (1.0, True)}
 WRITTEN = str.maketrans("\u00b5\u03bc\u207b\u00b9\u00b2\u00b7\u22c5", "uu-12**")  # two kinds of mu
 WORDS = {
     r"micro-?(m(et(er|re)s?)?|ns?)\b": "um", r"nanomet(er|re)s?": "nm", r"steradians?": "sr",
@@ -38,6 +40,8 @@ FACTOR = re.compile(r"([a-z]+)\^?([+-]?\d+)?")
 def unit_of(said):
     """Which of UNIT_NAMES a word means, such as uW/(cm^2*sr*nm); None if none."""
     plain = said.lower().strip("{} ").translate(WRITTEN)
+    plain = re.sub(r"\^\(([+-]?\d)\)", r"\1", plain)
+    plain = re.sub(r"^\(([^()]*)\)$", r"\1", plain)
     for word, short in WORDS.items():
         plain = re.sub(word, short, plain)
     if plain == "k":
@@ -49,30 +53,20 @@ def unit_of(said):
 
 
 def _product(plain):
-    """Size in W m-2 sr-1 per um or cm-1, and whether it is per cm-1, of what is a product of powers
-    of watts, steradians and lengths; None if it is no radiance."""
-    size, powers = 1.0, {"w": 0, "sr": 0, "m": 0}
-    for below, part in _parts(plain):
-        for name, power in part:
-            power = -power if below else power
-            if name.endswith("flick"):  # W cm-2 sr-1 um-1
-                factors = (("w", 1, 1.0), ("sr", -1, 1.0), ("m", -2, 1e-2), ("m", -1, 1e-6))
-                size *= PREFIXES.get(name[: -len("flick")], math.nan) ** power
-            elif name in LENGTHS:
-                factors = (("m", 1, LENGTHS[name]),)
-            elif name == "sr":
-                factors = (("sr", 1, 1.0),)
-            elif name.endswith("w") and name[:-1] in PREFIXES:
-                factors = (("w", 1, PREFIXES[name[:-1]]),)
-            else:
-                return None
-            for dimension, times, in_si in factors:
-                powers[dimension] += times * power
-                size *= in_si ** (times * power)
-    if (powers["w"], powers["sr"]) != (1, -1) or powers["m"] not in (-3, -1):
+    """Size in W m-2 sr-1 per um or cm-1, and whether it is per cm-1, of a product of powers; None
+    if these are not watts per area, steradian and um, nm or cm-1."""
+    factors = sorted((n, -p if below else p) for below, part in _parts(plain) for n, p in part)
+    if len(factors) == 1 and factors[0][0].endswith("flick") and factors[0][1] == 1:
+        return _rounded(1e4 * PREFIXES.get(factors[0][0][: -len("flick")], math.nan)), False
+    watts = [f for f in factors if f[0].endswith("w") and f[0][:-1] in PREFIXES and f[1] == 1]
+    area = [f for f in factors if f[0] in PER_M2 and f[1] == -2]
+    density = [f for f in factors if f in DENSITIES]
+    if not (len(watts) == len(area) == len(density) == factors.count(("sr", -1)) == 1):
         return None
-    per_cm1 = powers["m"] == -1
-    return _rounded(size * (1e2 if per_cm1 else 1e-6)), per_cm1
+    if len(factors) != 4:
+        return None
+    size, per_cm1 = DENSITIES[density[0]]
+    return _rounded(size * PREFIXES[watts[0][0][:-1]] * PER_M2[area[0][0]]), per_cm1
 
 
 def _parts(plain):
