@@ -277,9 +277,9 @@ def slow_unaries(scene, objective, state):
         r = (spectrum - alpha * sky_mean - (1 - alpha) * ground) / sigma
         c = covariance(e, alpha, share_sigma)
         total = 0.5 * r @ np.linalg.solve(c, r) + occam(e, alpha, c, prior)
-        total += (t - t0) ** 2 / (2 * t_sigma**2) + (
-            (v - environment.usual_lighting) ** 2
-        ).sum() / (2 * v_variance)
+        total += (t - t0) ** 2 / (2 * t_sigma**2) + ((v - environment.usual) ** 2).sum() / (
+            2 * v_variance
+        )
         out.append(total - math.log(pi[state.material[p]]))
     return np.array(out)
 
@@ -392,7 +392,7 @@ def torch_objective(scene, objective, temperature_k, material, lighting):
     s, _ = render(temperature_k, e, lighting, as_tensor(scene.environment.radiance), w)
     chi2 = (((s - as_tensor(scene.cube.spectra)) / as_tensor(model.sigma)) ** 2).sum()
     prior = ((temperature_k - model.prior_mean_k) ** 2).sum() / model.prior_sigma_k**2
-    usual = as_tensor(scene.environment.usual_lighting)
+    usual = as_tensor(scene.environment.usual)
     prior = prior + V_PRECISION * k * ((lighting - usual) ** 2).sum()
     t, same = temperature_k.reshape(scene.shape), material.reshape(scene.shape)
     smooth = 0.0
