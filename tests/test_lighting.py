@@ -62,6 +62,16 @@ def test_pixels_are_likelier_with_it():
     assert nats[1] > nats[0] + 0.05
 
 
+def test_every_column_counts():
+    """Whatever the picture's size: here one column alone sees much sky."""
+    rng, column = np.random.default_rng(6), np.arange(10_000) % 10
+    mean = np.where((column == 0)[:, None], [0.9, 0.05, 0.05], [0.1, 0.45, 0.45])
+    v = np.array([rng.dirichlet(6 * m) for m in mean])
+    world = World(lighting=v, shape=(1000, 10), seed=2, materials=5, rich=False, bands=12)
+    found = with_usual_lighting(even(world.environment), world.cube, world.library)
+    assert share(found) == pytest.approx(v[:, 0].mean(), abs=0.05)
+
+
 @pytest.mark.parametrize("sky_share", [0.3, 0.8])
 def test_more_sky_than_its_share_or_about_as_much_changes_nothing(sky_share):
     world = world_of(sky_share, bands=12)
