@@ -13,6 +13,7 @@ from physics.library import MaterialLibrary
 from physics.simulator import geometry as g
 from physics.simulator.presets import PRESETS, preset
 from physics.simulator.presets.patches import patches
+from physics.simulator.presets.random_scene import enclosed_scene, random_scene
 
 TRIANGLES = {  # fewest and most that each preset may have
     "forest": (100e3, 500e3), "street": (100e3, 500e3), "patches": (100e3, 500e3),
@@ -121,6 +122,36 @@ def test_random_scenes_differ_and_use_the_library():
         triangles = sum(len(o.mesh.faces) for o in scene_of("random", seed).objects)
         assert triangles <= TRIANGLES["random"][1]
         assert max(shares("random", seed).values()) < 0.97  # nothing blocks the whole view
+
+
+def sky_view(scene, spots=40, rays=400):
+    """The sky's share of the light on level ground about the camera, by cosine-weighted rays."""
+    r = np.random.default_rng(0)
+    at = np.array(scene.camera.position) + np.c_[r.uniform(-2, 2, (spots, 2)), np.zeros(spots)]
+    z, turn = np.sqrt(1 - r.random(rays)), r.uniform(0, 2 * np.pi, rays)
+    flat = np.sqrt(1 - z**2)
+    d = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    return (Rays(scene).first(np.repeat(at, rays, 0), np.tile(d, (spots, 1))) < 0).mean()
+
+
+def test_woods_and_streets_leave_less_sky():
+    left = {}
+    for seed in RANDOM_SEEDS:
+        scene, enclosed, same = random_scene(seed), enclosed_scene(seed), enclosed_scene(seed)
+        assert enclosed.camera == scene.camera and enclosed.atmosphere == scene.atmosphere
+        for a, b in zip(scene.objects, enclosed.objects, strict=False):
+            np.testing.assert_array_equal(a.temperature_k, b.temperature_k)
+        if scene.atmosphere is None:
+            assert len(enclosed.objects) == len(scene.objects)
+            continue
+        for a, b in zip(enclosed.objects, same.objects, strict=True):
+            assert a.material == b.material
+            np.testing.assert_array_equal(a.mesh.vertices, b.mesh.vertices)
+        assert sum(len(o.mesh.faces) for o in enclosed.objects) < 700e3
+        left[seed] = sky_view(enclosed), sky_view(scene)
+    assert all(some < all_of_it for some, all_of_it in left.values()), left
+    some, all_of_it = np.array([*left.values()]).T
+    assert (some < 0.75).mean() > 0.5 and (all_of_it > 0.85).all(), left
 
 
 def closed_random_scene():

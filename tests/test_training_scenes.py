@@ -18,7 +18,7 @@ from physics.planck import noise_sigma, planck
 from physics.simulator import Scene
 from physics.simulator.presets.random_scene import random_scene
 from training import scenes
-from training.scenes import Record, SceneSet, Settings, make_record
+from training.scenes import BASE_SEED, Record, SceneSet, Settings, make_record, scene_of
 from training.vary import vary
 
 TINY = Settings(size=24, spp=16, bands=48)
@@ -100,13 +100,24 @@ def test_splits_share_no_seed(made):
     assert made[0].seed != make_record(TINY, "test", 0).seed
 
 
+def test_every_other_scene_is_enclosed_but_of_the_test():
+    """What is tested stays what it was before there were any."""
+    of = lambda split, n: [scene_of(BASE_SEED[split] + i) for i in range(n)]
+    for split in ("train", "validation"):
+        outdoors = {i: s for i, s in enumerate(of(split, 8)) if s.atmosphere is not None}
+        assert all(s.name.startswith("enclosed") == (i % 2 == 1) for i, s in outdoors.items())
+    for i, scene in enumerate(of("test", 4)):
+        same = random_scene(BASE_SEED["test"] + i)
+        assert scene.name == same.name and len(scene.objects) == len(same.objects)
+
+
 def test_a_scene_that_leaks_gives_way_to_another(monkeypatch):
     def some_leak(seed):
-        scene = random_scene(seed)
+        scene = scene_of(seed)
         # Outdoors without an atmosphere is not closed.
         return Scene(scene.objects, scene.camera) if seed < bad_below else scene
 
-    monkeypatch.setattr(scenes, "random_scene", some_leak)
+    monkeypatch.setattr(scenes, "scene_of", some_leak)
     monkeypatch.setattr(scenes, "MAX_TRIES", 2)
     base = scenes.BASE_SEED["validation"]
     bad_below = base + scenes.MAX_SCENES

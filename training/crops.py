@@ -14,6 +14,7 @@ from physics import estimate
 from physics.cube.heat_cube import HeatCube
 from physics.evidence import tensors
 from physics.known import Known, known_arrays
+from physics.lighting import with_usual_lighting
 from physics.machinery.blas import no_blas_threads
 
 from .samples import OBJECTS, Sample, features
@@ -46,7 +47,9 @@ class Crops(Dataset):
             with no_blas_threads():
                 sample = estimate.Sample(cube, library)
                 around = (sample.environment(k, assumed) for k in range(OBJECTS[0], most + 1))
-                known = [known_arrays(cube, library, e.with_curves_off_by(off)) for e in around]
+                around = (e.with_curves_off_by(off) for e in around)
+                around = (with_usual_lighting(e, cube, library) for e in around)
+                known = [known_arrays(cube, library, e) for e in around]
             # one tensor a cube: worker processes share each by an open file
             radiance = torch.from_numpy(cube.radiance.copy())
             self.cubes.append((radiance, cube.dead.copy(), known))

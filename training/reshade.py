@@ -15,11 +15,10 @@ import numpy as np
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.library import SKY, MaterialLibrary
-from physics.simulator.presets.random_scene import random_scene
 from physics.simulator.traced import TracedScene, trace_scene
 from texnet.files.library_io import with_sky
 
-from .scenes import BASE_SEED, Record, SceneSet, Settings, loaded, of_seed
+from .scenes import BASE_SEED, Record, SceneSet, Settings, loaded, of_seed, scene_of
 
 # e of all that is traced: the less, the longer the paths. Weights (1 - e) / (1 - TRACED_WITH) stay
 # tame where their mean square is below 1: for e of 0.16, 0.05 and 0.015 and more
@@ -93,7 +92,7 @@ class ReshadedSet(SceneSet):
         starter = MaterialLibrary.starter()
         grey = replace(starter, emissivity=np.full_like(starter.emissivity, self.traced_with))
         size = (self.settings.size,) * 2
-        return trace_scene(random_scene(seed), size, self.settings.spp, seed, grey)
+        return trace_scene(scene_of(seed), size, self.settings.spp, seed, grey)
 
     def in_words(self):
         """What the folder holds, for people: a dict of plain values."""

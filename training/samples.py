@@ -21,6 +21,7 @@ from physics.expected import Expected
 from physics.hypotheses import Hypotheses, hypotheses_of, set_up
 from physics.known import Known, known_arrays
 from physics.library import SKY, MaterialLibrary
+from physics.lighting import with_usual_lighting
 from physics.simulator.sensor import add_noise
 from texnet.glance import PATCH, STEP, expected, from_afar
 from texnet.model import TeXModel
@@ -80,6 +81,7 @@ def draw(record, rng, side=None) -> Sample:
     clean = np.tensordot(weight, record.radiance, 1).astype(np.float32)
     cube = HeatCube(add_noise(clean, centre, netd_k, rng), centre, width, netd_k)
     environment = estimate_environment(cube, library, k, seed=int(rng.integers(2**31)))
+    environment = with_usual_lighting(environment, cube, library)
     height, width = cube.shape
     side = side or max(height, width)
     top, left = (int(rng.integers(max(0, n - side) + 1)) for n in (height, width))

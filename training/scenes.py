@@ -9,7 +9,8 @@ is what would be made.
     <folder>/<hash>/train-0000.npz   a Record
 
 Radiance is clean; whoever trains adds noise, and drops and merges bands, as he goes. Half of
-the scenes are made of the starter library, half of a library varied from it.
+the scenes are made of the starter library, half of a library varied from it. Of those to train on
+and to validate every other one is enclosed, if outdoors: in a wood or a street.
 """
 
 import json
@@ -32,7 +33,7 @@ from physics.machinery.provenance import provenance
 from physics.machinery.threads import cores
 from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate
-from physics.simulator.presets.random_scene import random_scene
+from physics.simulator.presets.random_scene import enclosed_scene, random_scene
 
 from .vary import vary
 from .workers import deaf_to_ctrl_c
@@ -201,6 +202,12 @@ def loaded(kind, path):
         raise InputError(f"{words}; delete it, and the same command makes it anew.") from e
 
 
+def scene_of(seed):
+    """The Scene of a seed, as its split has it."""
+    enclosed = seed % 2 == 1 and seed < BASE_SEED["test"]
+    return enclosed_scene(seed) if enclosed else random_scene(seed)
+
+
 def make_record(settings, split, i):
     """Render scene i of a split -> Record."""
     return of_seed(lambda seed: _render(settings, seed), split, i)
@@ -228,7 +235,7 @@ def _render(settings, seed):
         library = vary(library, rng)
     w, fwhm = equidistant_bands(settings.bands)
     cube, truth = simulate(
-        random_scene(seed), wavelength_um=w, fwhm_um=fwhm, size=(settings.size,) * 2,
+        scene_of(seed), wavelength_um=w, fwhm_um=fwhm, size=(settings.size,) * 2,
         spp=settings.spp, netd_k=0, seed=seed, library=library,
     )  # fmt: skip
     return Record(

@@ -2,8 +2,11 @@
 
 Air 258-308 K; objects 10 K colder to 15 K warmer, with smooth variation or patterns of up to
 5 K within them; 0.3-4.5 cm of water, as much as the air can hold; 220-480 DU of ozone. About
-one scene in seven is a closed room without sky. Under 150 thousand triangles.
+one scene in seven is a closed room without sky. Under 150 thousand triangles; under 700 thousand
+where it is enclosed.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -194,6 +197,92 @@ def _ground_relief(rng):
         return z + near * fine + far * hills * (1 + 0.6 * g.value_noise(p, 80.0, seed + 2))
 
     return height
+
+
+def _wood(rng, air_k, add):
+    """Trees and bushes all around the camera, of a few kinds."""
+    kinds = []
+    for _ in range(int(rng.integers(2, 4))):
+        seed, tall, radius = rng.integers(2**31), rng.uniform(6, 15), rng.uniform(0.12, 0.35)
+        if rng.random() < 0.7:
+            parts = g.tree(
+                seed,
+                tall,
+                radius,
+                crown_from=rng.uniform(0.15, 0.45),
+                branches=8,
+                leaf_count=1800,
+                leaf_m=rng.uniform(0.2, 0.4),
+                sides=24,
+                rings=40,
+                limb_sides=3,
+            )
+        else:
+            parts = g.conifer(
+                seed, tall, radius, whorls=9, sprays=4, needle_m=1.2, sides=12, rings=20
+            )
+        kinds.append((parts, _pick(rng, ("bark",)), _pick(rng, ("foliage",))))
+    for _ in range(int(rng.integers(12, 60))):
+        spot = _around(rng, 3.0, 28.0)
+        (wood, crown), bark, foliage = kinds[rng.integers(len(kinds))]
+        yaw, size = rng.uniform(0, 6), rng.uniform(0.7, 1.2)
+        add(g.place(wood, spot, yaw, size), bark, mean_k=air_k + rng.uniform(-2, 8))
+        add(g.place(crown, spot, yaw, size), foliage, False, mean_k=air_k + rng.uniform(-2, 3))
+    leaf, foliage = rng.uniform(0.06, 0.2), _pick(rng, ("foliage",))
+    for _ in range(int(rng.integers(16))):
+        size = rng.uniform(0.4, 1.2)
+        core = rng.normal(0, 1, (25, 3)) * size * [0.6, 0.6, 0.3] + [0, 0, 0.6 * size]
+        bush = g.leaves(core + _around(rng, 4.0, 20.0), 0.3 * size, 40, leaf, rng)
+        add(bush, foliage, False, mean_k=air_k + rng.uniform(-2, 3))
+
+
+def _around(rng, nearest, farthest):
+    """A spot about the camera, as likely in any square metre; none right before it."""
+    r, a = np.sqrt(rng.uniform(nearest**2, farthest**2)), rng.uniform(-np.pi, np.pi)
+    if abs(a) < 0.5:
+        r = max(r, 7.0)
+    return np.array([r * np.sin(a), r * np.cos(a), -0.5])
+
+
+def _street(rng, air_k, add):
+    """Fronts of houses on both sides of the camera, often also before and behind it."""
+    left, right = -rng.uniform(3, 9), rng.uniform(3, 9)
+    rows = [((x, -25.0), np.pi / 2, 75.0) for x in (left, right)]
+    rows += [
+        ((left, y), 0.0, right - left) for y in (rng.uniform(20, 45), -12) if rng.random() < 0.5
+    ]
+    window = _pick(rng, ("glass",))
+    for (x, y), yaw, length in rows:
+        along = 0.0
+        while along < length:
+            wide, tall = min(rng.uniform(5, 14), length - along), rng.uniform(4, 14)
+            middle = along + wide / 2
+            spot = (x + np.cos(yaw) * middle, y + np.sin(yaw) * middle, -0.5)
+            front = g.slab((wide, 0.6, tall), 0.3, _relief(rng))
+            mean_k = air_k + rng.uniform(-3, 6)
+            add(g.place(front, spot, yaw), _pick(rng, _WALLS), False, mean_k=mean_k)
+            i, j = (a.ravel() for a in np.mgrid[: int(wide / 2.4), : int((tall - 1) / 2.8)])
+            if i.size and rng.random() < 0.7:
+                low = np.stack([0.6 + 2.4 * i - wide / 2, 0 * i - 0.36, 1.5 + 2.8 * j], axis=1)
+                panes = g.boxes(low, low + [1.2, 0.72, 1.4])
+                add(g.place(panes, spot, yaw), window, False, mean_k=mean_k + rng.uniform(-3, 4))
+            along += wide
+
+
+def enclosed_scene(seed=0):
+    """The random Scene of this seed, if outdoors in a wood or a street: less of its light is the
+    sky's."""
+    scene, rng = random_scene(seed), np.random.default_rng([seed, 808])
+    if scene.atmosphere is None:
+        return scene
+    objects = list(scene.objects)
+
+    def add(m, material, smooth=True, *, mean_k):
+        objects.append(SceneObject(m, material, _temperature(rng, m, mean_k), smooth))
+
+    around = _wood if rng.random() < 0.5 else _street
+    around(rng, scene.atmosphere.air_temperature_k, add)
+    return replace(scene, objects=objects, name=f"enclosed {seed}")
 
 
 def random_scene(seed=0):
