@@ -1,6 +1,6 @@
 """Accuracy and time of every method against the number of bands, on scenes nobody trained on.
 
-    texnet bench accuracy --out DIR [--finer TIMES]
+    texnet bench accuracy --out DIR [--enclosed] [--finer TIMES]
 
 Twenty-four random scenes of the test split (seeds from 3,000,000; training uses 1,000,000 and
 2,000,000, tuning 5,000,000 and more): in fewer, one or two with much bare metal decide about the
@@ -12,7 +12,8 @@ per scene, bands and method, and confusion.csv, how many pixels of a material go
 goes on after the last whole scene, if these are of the same code and arguments, and replaces them,
 if not. Prints the means, in how much of each scene nothing is known, scene by scene how far net+sgd
 is from the others, and what materials the last method takes for which. Everything runs on two
-threads. --finer traces the same scenes with so many times the pixels on each side.
+threads. --enclosed takes the same scenes in woods and streets, if outdoors (`enclosed`); --finer
+traces scenes with so many times the pixels on each side.
 """
 
 import time
@@ -47,14 +48,15 @@ SHOWN = (*ERRORS, *DOUBT, "seconds_per_megapixel")
 LESS_IS_BETTER = ("temperature_rmse_k", "temperature_mae_k", "cross_entropy")
 
 
-def test_scenes(scenes=SCENES, done=(), finer=1):
+def test_scenes(scenes=SCENES, done=(), finer=1, kind="random"):
     """Yield name and TracedScene of the first test scenes but those whose names are in done; rooms
-    without sky among them. They have SIZE pixels, or finer times as many on each side."""
+    without sky among them. They have SIZE pixels, or finer times as many on each side; kind is
+    "random" or "enclosed"."""
     size = tuple(finer * n for n in SIZE)
     library = MaterialLibrary.starter()
     for seed in range(BASE_SEED["test"], BASE_SEED["test"] + scenes):
-        if f"random {seed}" not in done:
-            yield f"random {seed}", trace_scene(preset("random", seed), size, SPP, seed, library)
+        if f"{kind} {seed}" not in done:
+            yield f"{kind} {seed}", trace_scene(preset(kind, seed), size, SPP, seed, library)
 
 
 def measure(cube, truth, method, model=None):
@@ -125,7 +127,7 @@ def differences(rows, other):
             )
 
 
-def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, progress=None):
+def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, kind="random", progress=None):
     """Write accuracy.csv and confusion.csv into the folder out -> their rows. progress is called as
     progress(done, total, what) after each scene."""
     out.mkdir(parents=True, exist_ok=True)
@@ -134,10 +136,10 @@ def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, progress=None
     threadpool_limits(THREADS)
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
     library = MaterialLibrary.starter()
-    made = f"{settings()}, {scenes} scenes, {finer} times finer"
+    made = f"{settings()}, {scenes} {kind} scenes, {finer} times finer"
     rows, named = measured(out, made, {(str(b), m) for b in bands for m in methods})
     done = {r["scene"] for r in rows}
-    for i, (name, traced) in enumerate(test_scenes(scenes, done, finer), len(done) + 1):
+    for i, (name, traced) in enumerate(test_scenes(scenes, done, finer, kind), len(done) + 1):
         for n in bands:
             cube, truth = traced.shade(library, *equidistant_bands(n), NETD_K)
             for method in methods:

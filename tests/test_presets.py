@@ -18,6 +18,7 @@ from physics.simulator.presets.random_scene import enclosed_scene, random_scene
 TRIANGLES = {  # fewest and most that each preset may have
     "forest": (100e3, 500e3), "street": (100e3, 500e3), "patches": (100e3, 500e3),
     "patterned": (100e3, 500e3), "room": (50e3, 500e3), "random": (1e3, 150e3),
+    "enclosed": (1e3, 700e3),
 }  # fmt: skip
 
 
@@ -105,7 +106,9 @@ def test_seed_decides_all(name):
 
 
 def test_unknown_preset_lists_the_names():
-    with pytest.raises(InputError, match="forest, street, patches, patterned, room, random"):
+    with pytest.raises(
+        InputError, match="forest, street, patches, patterned, room, random, enclosed"
+    ):
         preset("beach")
 
 

@@ -193,7 +193,7 @@ def _cubes(to):
     p = _add(to, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
     p.add_argument(
         "scene", metavar="SCENE",
-        help="forest, street, patches, patterned, room or random, or a .json scene file",
+        help="forest, street, patches, patterned, room, random or enclosed, or a .json scene file",
     )  # fmt: skip
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
@@ -331,6 +331,9 @@ def _measuring(to):
         "--methods", metavar="M", choices=METHODS, nargs="+", default=list(METHODS),
         help=f"some of {', '.join(METHODS)}; default: all",
     )  # fmt: skip
+    p.add_argument(
+        "--enclosed", action="store_true", help="of the same scenes in woods and streets"
+    )
     p.add_argument(
         "--finer", metavar="TIMES", type=_integer(1, 8), default=1,
         help="times the pixels on each side, 1-8, default: 1",

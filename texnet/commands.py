@@ -341,8 +341,9 @@ def bench_accuracy(args):
     try:
         with progress_bar() as report:
             rows, named = run(
-                args.out, args.scenes, args.bands, args.methods, args.finer, progress=report
-            )
+                args.out, args.scenes, args.bands, args.methods, args.finer,
+                "enclosed" if args.enclosed else "random", report,
+            )  # fmt: skip
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
     text = "\n".join([*summary(rows, named), f"{args.out}: accuracy.csv, confusion.csv."])

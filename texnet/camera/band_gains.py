@@ -9,8 +9,9 @@ less what T, V and the deviations of the surroundings make up for in the fit. Th
 rest fitted again, and so on, as long as it helps. What looks like another T is left by no fit, and
 stays: of a gain of all bands nothing can be said where these are off.
 
-A curve of the library that is wrong leaves something in its own material alone. So each material's
-pixels count by their median, and each material alike; and two must be left to say so in the end.
+A curve of the library that is wrong leaves something in its own material alone, and so does a name
+that is wrong. So each material's pixels count by their median, and of the materials, all alike, the
+median again; and two must be left to say so in the end.
 
 Wrong bands make wrong materials fit, which then explain them. So the noise is first taken to be
 FIRST times as much as stated, and then, step by step, TIMES as much as what is left. Gains are
@@ -26,7 +27,7 @@ from physics.planck import planck
 
 from .correction import DARKEST, Calibration, corrected, corrected_environment
 
-FIRST, TIMES = 64.0, (8.0, 4.0, 2.0, 1.0)
+FIRST, TIMES = 32.0, (8.0, 4.0, 2.0, 1.0)
 HELPS = 0.97  # what a step leaves of the residual, at most, to be followed by another like it
 STEPS = 24  # at most
 FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
@@ -61,7 +62,7 @@ def band_gains(cube, environment, solve, library, quartile):
         else:
             least, kept, more = left, log_gain, _more(part, library, maps)
             if len(more):
-                log_gain = log_gain + np.log1p(more.mean(axis=0))
+                log_gain = log_gain + np.log1p(np.median(more, axis=0))
             log_gain = np.clip(log_gain - log_gain.mean(), -MOST, MOST)
         if at == len(TIMES):
             break

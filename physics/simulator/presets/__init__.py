@@ -6,6 +6,7 @@ patches    snow, grass and sand, each of one temperature: texture from relief al
 patterned  relief and an unrelated temperature pattern on every object
 room       a closed room: no sky
 random     a different scene for every seed, to train on (random_scene)
+enclosed   the same, if outdoors in a wood or a street
 
 props and temperature are what they are made of.
 """
@@ -14,7 +15,7 @@ from ...errors import InputError
 from .forest import forest
 from .patches import patches
 from .patterned import patterned
-from .random_scene import random_scene
+from .random_scene import enclosed_scene, random_scene
 from .room import room
 from .street import street
 
@@ -25,6 +26,7 @@ PRESETS = {
     "patterned": patterned,
     "room": room,
     "random": random_scene,
+    "enclosed": enclosed_scene,
 }
 
 
