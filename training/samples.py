@@ -2,11 +2,11 @@
 
 From a clean Record at 100 narrow bands, each draw makes other bands (3 to 100, equidistant
 over part of 8-14 um with or without gaps, or any), other noise (10 to 200 mK), another number
-of environment objects (1 to 8, estimated from the noisy cube itself) and another library: the
-scene's own materials among others, in any order, each curve a little wrong. Nearly half of
-the draws have 9 bands or fewer, where spectra say least and the surroundings most, and half are the
-scene's mirror image. Half come with a glance from afar at the whole scene, whose answer the network
-then expects; the others teach it to answer a glance.
+of environment objects (1 to 8, estimated from the noisy cube itself, and how much of the light is
+the sky's, likewise) and another library: the scene's own materials among others, in any order, each
+curve a little wrong. Nearly half of the draws have 9 bands or fewer, where spectra say least and
+the surroundings most, and half are the scene's mirror image. Half come with a glance from afar at
+the whole scene, whose answer the network then expects; the others teach it to answer a glance.
 """
 
 from typing import NamedTuple

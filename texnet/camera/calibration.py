@@ -54,7 +54,7 @@ from physics.planck import brightness_temperature
 from ..glance import LEAST_MATERIALS
 from ..methods import Look
 from .air_between import air_between
-from .band_gains import FIRST, band_gains
+from .band_gains import band_gains
 from .correction import RIGHT, Calibration, Distances, corrected, corrected_environment, lifted_nats
 from .curve_error import asked_by_half, likeliest_curves, what_noise_leaves
 from .distances import far, likeliest_octaves
@@ -77,7 +77,7 @@ AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 # to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
 CURVES_LEAVE = 1.1
 RAMP = 0.3  # so much more, and all that is left is noise
-MORE, MORE_OF_FEW = 4.0, 2.8  # times the noise
+FIRST, MORE, MORE_OF_FEW = 64.0, 4.0, 2.8  # times the noise
 SHARED = 1.5  # times that, by which T is misled, in all pixels of a material alike
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
 # K that are tried, and nats per pixel: in four scenes outside the test sets surroundings that were
