@@ -111,5 +111,5 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
     monkeypatch.setattr(accuracy, "measure", counted)
     assert run(tmp_path / "part") == (1, *whole[1:])
     assert run(tmp_path / "part") == (0, *whole[1:])
-    for other in (["--finer", "2"], ["--enclosed"]):  # pictures
+    for other in (["--finer", "2"], ["--finer", "2", "--enclosed"]):  # each time other pictures
         assert run(tmp_path / "part", *other)[0] == 2

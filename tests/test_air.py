@@ -56,7 +56,7 @@ def behind(cube, truth, metres, humidity=0.5, kelvin=285.0):
 
 
 @given(metres, kelvins)
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_black_body_as_warm_as_the_air_looks_the_same_through_it(metres, kelvin):
     air = Air.of(metres, kelvin, W, np.zeros(13))
     black = planck(W, kelvin)
@@ -85,7 +85,7 @@ def test_what_is_wrong_with_the_machine_is_no_unlikely_air():
 
 
 @given(metres, metres, kelvins)
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_more_air_lets_less_through_but_lines_saturate(one, other, kelvin):
     t = partial(level_transmittance, W, atmosphere=usual_atmosphere(kelvin))
     near, far, both = t(one), t(other), t(one + other)
@@ -110,7 +110,7 @@ def test_carbon_dioxide_and_vapour_close_the_window_from_its_ends():
 
 
 @given(st.floats(0, 300), kelvins, st.floats(0.9, 1.1), st.floats(-1, 1))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, offset_k):
     s = planck(W, np.linspace(250, 320, 20)[:, None]).T.reshape(13, 4, 5)
     cube, air = HeatCube(s, W, FWHM, 0.05), Air.of(metres, kelvin, W, FWHM)
@@ -150,7 +150,7 @@ def searched(peak_m, peak_k, gains):
 
 
 @given(st.floats(15, 1000), st.floats(279, 287))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_the_search_finds_the_likeliest_air(peak_m, peak_k):
     air = searched(peak_m, peak_k, 2.0).air
     assert peak_m / 1.6 < air.metres < 1.6 * peak_m
@@ -339,7 +339,7 @@ def octaves(nats, *among):
 
 
 @given(st.floats(-4.5, 3.5), st.integers(0, 2**31))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_the_likeliest_distance_is_as_sure_as_the_pixels_are(octave, seed):
     flat = np.random.default_rng(seed).uniform(-50, 50, (1, 6, 7)) * np.ones((len(OCTAVES), 1, 1))
     np.testing.assert_allclose(octaves(flat), 0, atol=1e-6)  # nothing known: as far as usual

@@ -102,7 +102,7 @@ def test_every_band_of_a_sound_cube_is_good(name, bands):
     assert without_bad_bands(cube) == (cube, {})
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.differing_executors])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.differing_executors])
 @given(
     seed=st.integers(0, 2**16), bands=st.integers(1, 60), k=st.integers(1, 5),
     netd=st.floats(1e-3, 2), height=st.integers(1, 40),

@@ -58,7 +58,7 @@ def shown(cube, gains):
     return HeatCube(cube.radiance * gains[:, None, None].astype(np.float32), W, WIDTH, 0.05)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000), st.sampled_from([0.001, 0.01, 0.03]))
 def test_gains_are_found_as_they_are(seed, much):
     cube, maps = scene(seed, GROUND)

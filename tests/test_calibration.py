@@ -198,10 +198,12 @@ def test_bands_off_among_each_other_are_found(name, bands, method, percent):
     best, error, without = (
         np.abs(a.temperature_k - truth.temperature_k)[ground] for a in (same, d, believed)
     )
-    # as good as of a right camera, nearly
+    # as good as of a right camera, nearly; by 0.3 %, without, T is off 1.24 times as far
+    assert np.median(error) < 0.1
     assert error.mean() < min(1.25 * best.mean(), 0.85 * without.mean())
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
     named = lambda d: (names_of(d) == names_of(truth)).mean()
+    # by 0.3 % 0.098 less would be named right, by more 0.107 to 0.24
     assert named(same) - named(d) < 0.03 and named(same) - named(believed) > 0.09
 
 
@@ -502,7 +504,7 @@ def as_stated(c):
     return round(c.noise, 2), round(c.misfit, 3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-0.14, 0.14))
 def test_the_lowest_of_a_parabola_is_found(error):
     c = found(lambda gain, offset_k: 2e3 * (gain - error) ** 2 + 2.0 * abs(offset_k))
@@ -563,7 +565,7 @@ def test_what_fits_only_at_the_noise_that_is_stated_does_not_fit():
     assert found(likely, residual=rigid).gain == pytest.approx(1.05, abs=2e-3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(0.5, 1.5), st.floats(0, 0.005))
 def test_the_noise_rises_without_a_step(residual, more):
     of = lambda residual: found(lambda gain, offset_k: 10.0, residual=residual)

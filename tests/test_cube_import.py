@@ -22,9 +22,7 @@ from texnet.files.cube_io import read_cube, write_cube
 from texnet.files.envi import read_envi
 from texnet.files.units import UNITS
 
-ANY = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+ANY = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 NU = np.linspace(720.0, 1250.0, 6)  # cm-1, ascending, so um descending
 W = 1e4 / NU
 T = np.array([[[280.0, 285.0, 290.0, 295.0], [300.0, 250.0, 310.0, 260.0]]])  # K, 2 x 4 pixels

@@ -36,9 +36,7 @@ def cubes(draw):
 
 @pytest.mark.parametrize("suffix", [".exr", ".npz", ".EXR"])
 @given(cube=cubes())
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_round_trip(tmp_path, suffix, cube):
     path = tmp_path / f"cube{suffix}"
     write_cube(cube, path)

@@ -33,7 +33,7 @@ def with_errors(error, seed=0):
     return replace(LIBRARY, emissivity=np.clip(LIBRARY.emissivity + off, 0.01, 1))
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 99), st.floats(0.001, 0.05))
 def test_it_moves_spectra_as_random_errors_of_curves_do_by_eq_1(seed, error):
     """Against a sample of de (B(T) - X), of smooth de and of T and V as they are a priori."""

@@ -446,7 +446,7 @@ def test_little_is_lost_to_rounding_where_noise_is_least(bands, rich, k):
 # --- the factorisation -------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(q=st.integers(1, MAX_COMPONENTS), seed=st.integers(0, 2**31), decades=st.floats(-2, 4))
 def test_the_inverse_of_a_root_is_as_good_as_its_condition_lets_it_be(q, seed, decades):
     rng = np.random.default_rng(seed)

@@ -25,11 +25,13 @@ from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
 from physics.library import SKY
 from physics.simulator.traced import TracedScene
+from texnet.circumstances import circumstances
 from texnet.cli import _parser, main
 from texnet.files.cube_io import write_cube
 from texnet.files.library_io import with_sky
 from texnet.files.weights import load_network, save_network
 from texnet.learned import shipped_network, torch_model
+from texnet.methods import by_network
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
 from training.crops import Crops, Seen
@@ -418,6 +420,23 @@ def test_curves_that_decompose_takes_to_be_off_are_learned_with_as_such():
     )
     for k, without in zip(alike, certain, strict=True):
         assert len(k["curve_spread"]) and not len(without["curve_spread"])
+
+
+def test_the_usual_lighting_that_decompose_finds_is_learned_with():
+    """Of the ground's pixels; a fire's, which are lit by nothing that others are, have no say."""
+    seen = traced_cube("street", 4)[0]
+    hot = seen.radiance.copy()
+    hot[:, -16:, 8:56] *= 40
+    for radiance in (seen.radiance, hot):
+        cube = HeatCube(radiance, seen.wavelength_um, seen.fwhm_um, seen.netd_k)
+        taken = calibrated(cube, STARTER, shipped_network())
+        looks = by_network(STARTER, torch_model()).looks
+        found = circumstances(cube, STARTER, looks, k=4).environment
+        assert found.usual_lighting is not None
+        usual = Crops([taken], STARTER, 0, 96).cubes[0][-1][3]["usual_lighting"]
+        np.testing.assert_allclose(usual, found.usual_lighting, rtol=1e-5)
+    everywhere = Crops([taken._replace(left_out=None)], STARTER, 0, 96).cubes[0][-1][3]
+    assert not np.allclose(everywhere["usual_lighting"], usual)
 
 
 def test_crops_show_what_was_measured(cube):

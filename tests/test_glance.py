@@ -195,7 +195,7 @@ def test_patches_are_means_with_half_the_noise_to_the_last(step, shape):
     np.testing.assert_allclose(glance._patches(0 * bands[0] + 3, step), 3)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_permuting_the_library_permutes_what_is_seen_and_expected(seed):
     rng = np.random.default_rng(seed)

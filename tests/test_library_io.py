@@ -13,9 +13,7 @@ from texnet.cli import main
 from texnet.files.library_io import import_library
 from texnet.files.mat_file import read_mat
 
-ANY = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+ANY = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 NU = np.linspace(760.0, 1240.0, 49)  # cm-1, as HADAR's 49 bands
 NAMES = ["sky", "water", "old_brick"]
 DIP = np.exp(-(((NU - 1080) / 40) ** 2))

@@ -76,7 +76,7 @@ def test_permuting_the_environment_permutes_lighting_alone():
     assert a.log_lighting.exp().std(dim=0).max() > 0.1
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 1000), bands=st.integers(4, 100), k=st.integers(1, 10),
        materials=st.integers(2, 40), height=st.integers(1, 6), rich=st.booleans(),
        sky=st.booleans())  # fmt: skip

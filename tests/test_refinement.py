@@ -219,7 +219,7 @@ def test_material_by_the_exact_solver_is_that_of_least_refined_energy():
     assert (best == local.energy.argmin(axis=1))[clear].mean() > 0.95
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**31), k=st.integers(1, 10), far=st.floats(0, 5),
        precision=st.sampled_from([0.5, 1.0, 4.0]))  # fmt: skip
 def test_lighting_stays_on_the_simplex_whatever_the_spectrum(seed, k, far, precision):

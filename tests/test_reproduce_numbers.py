@@ -113,7 +113,7 @@ def test_x_in_the_hull_has_no_bound_but_zero(make_pixels):
     assert least < 1e-10 * (p.texture**2).mean()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 6), bands=st.integers(2, 9))
 def test_more_objects_never_raise_what_v_must_leave(seed, k, bands):
     rng = np.random.default_rng(seed)

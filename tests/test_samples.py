@@ -250,3 +250,20 @@ def test_a_draw_leaves_its_record_alone():
     s.radiance.zero_()
     np.testing.assert_array_equal(RECORD.radiance, before[0])
     np.testing.assert_array_equal(RECORD.temperature_k, before[1])
+
+
+def test_scene_and_glance_know_how_much_of_the_light_is_the_sky_s(monkeypatch):
+    before = draws(8)
+
+    def half(environment, cube, library):
+        k = len(environment)
+        usual = np.append(np.full(k - 1, 0.5 / max(k - 1, 1)), 0.5 if k > 1 else 1)
+        return replace(environment, usual_lighting=usual)
+
+    monkeypatch.setattr(samples, "with_usual_lighting", half)
+    for was, s in zip(before, draws(8), strict=True):
+        if len(s.known.environment) > 1:
+            assert s.known.usual_lighting[-1] == 0.5
+            if s.glance is not None:
+                pairs = zip(was.glance.scene.values(), s.glance.scene.values(), strict=True)
+                assert any(a.shape == b.shape and (a != b).any() for a, b in pairs)

@@ -45,7 +45,7 @@ def test_a_small_hot_target_is_found():
     assert found[30:34, 30:33].all() and found.sum() == 12
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 999), st.integers(8, 16), st.floats(0.02, 20.0))
 def test_a_camera_of_few_digits_is_not_saturated(seed, bits, spread_k):
     """Whose values repeat, the brightest among them, but do not pile up at the top."""

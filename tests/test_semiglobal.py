@@ -114,7 +114,7 @@ def starts(objective, rng):
     yield "corner", objective.state(np.full(n, low), rng.integers(0, 3, n), corner)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 2**31), k=st.integers(1, 4), rich=st.booleans())
 def test_refining_never_increases_the_objective(seed, k, rich):
     """From anywhere, every recorded step of E goes down, and the record is of E itself."""
@@ -140,7 +140,7 @@ def test_refining_never_increases_the_objective(seed, k, rich):
         np.testing.assert_allclose(answer.probability.sum(axis=1), 1, atol=1e-5)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 2**31))
 def test_each_kind_of_step_never_increases_the_objective(seed):
     """T and V alone, then m alone, from random states: not only after they are combined."""

@@ -80,7 +80,7 @@ def test_of_a_sky_of_another_shape_to_half_a_band(too_long, air_mass):
     assert abs(spectral_shift(stated(cube, too_long), LIBRARY) - too_long) < 0.055
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.floats(250, 310), st.floats(0.2, 4), st.floats(200, 450), st.floats(0.02, 1),
     st.floats(-0.4, 0.4), st.sampled_from([44, 54, 100]),
@@ -102,7 +102,7 @@ def test_what_is_farther_off_than_is_looked_for_is_not_given_as_less(too_long):
     assert spectral_shift(stated(traced("forest", 54)[0], too_long), LIBRARY) == 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(0, len(LIBRARY) - 1), st.floats(260, 320), st.floats(-20, 40) | st.floats(100, 600),
     st.sampled_from([None, 1.0, 0.3, 0.05]), st.floats(-3, 30), st.integers(0, 9),

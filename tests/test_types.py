@@ -244,7 +244,6 @@ def test_defaults_cannot_be_written_either():
 # --- HeatCube ---------------------------------------------------------------------------------
 
 
-@settings(deadline=None)
 @given(st.integers(1, 900), st.integers(1, 900), st.integers(1, 3000))
 def test_a_subsample_sees_every_column_alike(height, width, most):
     step = sampling_step((height, width), most)
@@ -291,7 +290,7 @@ def low_dimensional(seed, netd, bands, dimensions, pixels_per_band):
     return HeatCube(s.T.reshape(bands, side, side), w)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(0, 2**31), st.floats(0.01, 1.0), st.integers(12, 80), st.integers(1, 4),
     st.integers(30, 60),

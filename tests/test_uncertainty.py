@@ -41,7 +41,7 @@ def test_what_is_called_sky_though_something_stands_before_it_has_a_sigma_that_h
     assert at.sum() > 100 and (off < 2 * d.temperature_sigma_k[at]).mean() > 0.95
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(1, 6), st.integers(1, 6), st.floats(60, 900), st.integers(0, 2**32 - 1))
 def test_it_is_what_a_slow_window_gives(height, width, level, seed):
     rng = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def test_where_all_is_alike_nothing_is_added():
     assert sigma_among_neighbours(sigma, t, m) == pytest.approx(0.3)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(250, 350), st.floats(0.05, 1), st.floats(0, 1))
 def test_a_calibration_error_is_what_moves_t(t, e, share):
     """An offset below 300 K, a gain above it, of what the surroundings radiate, too, moves T of any
@@ -179,7 +179,7 @@ def test_where_the_noise_was_raised_or_curves_are_off_more_is_unknown():
     assert unknown[:2].all() and not unknown[2:].any()
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(250, 330), st.floats(0.3, 0.95), st.floats(0.001, 0.02))
 def test_a_level_error_of_a_curve_moves_t_as_eq_1_solved_anew_says(t, e, level):
     """S as it is, with the curve higher by its sigma: T by least squares over all bands."""

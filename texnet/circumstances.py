@@ -34,7 +34,8 @@ from .progress import compiling
 
 class Circumstances(NamedTuple):
     """ready                Prepared, at the wavelengths that were found, nothing else corrected
-    saturated            (height, width) bool: its pixels that are
+    saturated, left_out  (height, width) bool: its pixels that are; those that say nothing of camera
+                         and lighting, being saturated, dead or far hotter than the others
     cube                 HeatCube that a right camera would have shown, with no air before it
     environment          Environment of that;  sky_assumed: True where its sky is not in view
     environment_error_k  K by which one that was given is likely off, as is allowed for here
@@ -44,6 +45,7 @@ class Circumstances(NamedTuple):
 
     ready: Prepared
     saturated: np.ndarray
+    left_out: np.ndarray
     cube: HeatCube
     environment: Environment
     sky_assumed: bool
@@ -73,17 +75,19 @@ def circumstances(
     beyond = saturated(ready.cube)
     lap("bands")
     cold, is_hot, _ = split_hot(ready.cube)
-    how = dict(looks=looks, library=library, left_out=ready.cube.dead | beyond | is_hot)
+    left_out = ready.cube.dead | beyond | is_hot
+    how = dict(looks=looks, library=library, left_out=left_out)
     if environment is None:
         found = _with_estimated(ready, cold, k, seed, how, lap, progress)
     else:
         found = _with_given(ready, cold, environment, how, lap)
     allowing = partial(_allowing, found["environment_error_k"], found["found"].curves)
     environment = found["environment"]
-    lit = with_usual_lighting(allowing(environment), found["cube"], library, how["left_out"])
+    lit = with_usual_lighting(allowing(environment), found["cube"], library, left_out)
     environment = replace(environment, usual_lighting=lit.usual_lighting)
     lap("calibration")
-    return Circumstances(saturated=beyond, **found | {"environment": allowing(environment)})
+    found["environment"] = allowing(environment)
+    return Circumstances(saturated=beyond, left_out=left_out, **found)
 
 
 def _allowing(error_k, curves, environment):

@@ -23,12 +23,14 @@ TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
 class Seen(NamedTuple):
-    """A HeatCube, prepared (`physics.cube.prepared`); whether a usual sky is assumed over it, and
-    by how much all of the library's curves may be off (`Environment.with_curves_off_by`)."""
+    """A HeatCube, prepared (`physics.cube.prepared`); whether a usual sky is assumed over it, by
+    how much all of the library's curves may be off (`Environment.with_curves_off_by`), and
+    (height, width) bool, the dead ones if None: pixels that say nothing of what lights them."""
 
     cube: HeatCube
     sky_assumed: bool = False
     curve_error: float = 0.0
+    left_out: np.ndarray | None = None
 
 
 class Crops(Dataset):
@@ -42,13 +44,13 @@ class Crops(Dataset):
     def __init__(self, seen, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
         self.stream = 2  # of random numbers
-        for cube, assumed, off in seen:
+        for cube, assumed, off, left_out in seen:
             most = min(OBJECTS[1], cube.measured_count)
             with no_blas_threads():
                 sample = estimate.Sample(cube, library)
                 around = (sample.environment(k, assumed) for k in range(OBJECTS[0], most + 1))
                 around = (e.with_curves_off_by(off) for e in around)
-                around = (with_usual_lighting(e, cube, library) for e in around)
+                around = (with_usual_lighting(e, cube, library, left_out) for e in around)
                 known = [known_arrays(cube, library, e) for e in around]
             # one tensor a cube: worker processes share each by an open file
             radiance = torch.from_numpy(cube.radiance.copy())

@@ -126,7 +126,7 @@ def calibrated(cube, library, network, device="cpu"):
     """
     looks = by_network(library, torch_model(network, device=device)).looks
     of = circumstances(cube, library, looks, k=min(USUAL_OBJECTS, cube.measured_count))
-    return Seen(of.cube, of.sky_assumed, of.found.curves)
+    return Seen(of.cube, of.sky_assumed, of.found.curves, of.left_out)
 
 
 def _measure(module, draws):

@@ -183,6 +183,7 @@ class SceneSet:
         bands = self.settings.bands
         return {
             "what": "simulated scenes, rendered by training/scenes.py; see its Record",
+            "scenes": "random ones, by turns enclosed in a wood or a street, but those for tests",
             **asdict(self.settings),
             "wavelengths": f"{bands} box bands side by side over 8-14 um",
             "library": "the starter library in half of the scenes, varied in the others",

@@ -237,7 +237,7 @@ def _wood(rng, air_k, add):
 
 
 def _around(rng, nearest, farthest):
-    """A spot about the camera, as likely in any square metre; none right before it."""
+    """A spot about the camera, as likely in any square metre; right before it, 7 m off or more."""
     r, a = np.sqrt(rng.uniform(nearest**2, farthest**2)), rng.uniform(-np.pi, np.pi)
     if abs(a) < 0.5:
         r = max(r, 7.0)
