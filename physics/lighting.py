@@ -11,10 +11,10 @@ where the pixels are likelier, by steps of EM (Dempster et al. 1977) in the mode
 h being all hypotheses but the sky.
 
 Scenes used for tuning (twenty, 3 to 18 bands, `net+sgd`) set the rest. Three steps do nearly all of
-it. It is moved only if pixels are likelier by WORTH: in woods and streets they were by 0.17 to 0.75
-nats, elsewhere by 0.09 and less (but by 0.31 in one scene of three bands, which errs to `unknown`
-then). To move it up, too, or each object's own, named up to 4 points fewer right on open ground and
-in rooms, and no more in woods and streets.
+it. It is moved only if pixels are likelier by WORTH, and in between by a part of the way: in woods
+and streets they were by 0.17 to 0.75 nats, elsewhere by 0.09 and less (but by 0.31 in one scene of
+three bands, which errs to `unknown` then). To move it up, too, or each object's own, named up to 4
+points fewer right on open ground and in rooms, and no more in woods and streets.
 """
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ from .prior import lighting_scale
 STEPS = 3
 PIXELS = 1000  # that are looked at
 LEAST = 0.03  # of the sky's share: where no pixel seems to see it, one may
-WORTH = 0.1  # nats per pixel
+WORTH = 0.09, 0.17  # nats per pixel, from which on it is moved, and all the way
 WORK = 1 << 22  # pixels times components of all hypotheses, at once
 
 
@@ -67,9 +67,9 @@ def with_usual_lighting(environment, cube, library, left_out=None):
         nats.append(_step(known | {"usual_lighting": usual}, some)[1])
     except np.linalg.LinAlgError:  # too little noise to tell: whoever answers says so
         return environment
-    if nats[-1] - nats[0] < WORTH:
-        return environment
-    return replace(environment, usual_lighting=usual)
+    least, most = WORTH
+    way = np.clip((nats[-1] - nats[0] - least) / (most - least), 0, 1)
+    return replace(environment, usual_lighting=(1 - way) / k + way * usual) if way else environment
 
 
 def _step(known, spectra):

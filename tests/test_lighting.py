@@ -80,6 +80,14 @@ def test_more_sky_than_its_share_or_about_as_much_changes_nothing(sky_share):
     assert found is start
 
 
+def test_a_little_more_sky_changes_it_little():
+    """There is no step where pixels begin to ask for it."""
+    worlds = [world_of(s, bands=12) for s in np.arange(0.16, 0.25, 0.01)]
+    found = [share(with_usual_lighting(even(w.environment), w.cube, w.library)) for w in worlds]
+    assert found[0] < 0.2 and found[-1] == pytest.approx(1 / 3)
+    assert (np.diff(found) > -0.005).all() and np.diff(found).max() < 0.06
+
+
 def test_what_was_said_to_be_usual_stays():
     world = world_of(0.1, bands=12)
     said = replace(world.environment, usual_lighting=[0.5, 0.3, 0.2])
