@@ -10,11 +10,13 @@ where the pixels are likelier, by steps of EM (Dempster et al. 1977) in the mode
 
 h being all hypotheses but the sky.
 
-Scenes used for tuning (twenty, 3 to 18 bands, `net+sgd`) set the rest. Three steps do nearly all of
-it. It is moved only if pixels are likelier by WORTH, and in between by a part of the way: in woods
-and streets they were by 0.17 to 0.75 nats, elsewhere by 0.09 and less (but by 0.31 in one scene of
-three bands, which errs to `unknown` then). To move it up, too, or each object's own, named up to 4
-points fewer right on open ground and in rooms, and no more in woods and streets.
+Scenes used for tuning (78, 3 to 54 bands, `net+sgd`) set the rest. Three steps do nearly all of it.
+It is moved only if pixels are likelier by WORTH, and in between by a part of the way. With four
+bands they were likelier in woods and streets by 0.13 to 0.41 nats and 5 to 20 points more were then
+right, elsewhere by 0.08 and less, but where it was 0.08, of two scenes 33 and 38 points fewer. With
+six bands and more it did no harm anywhere, and good from 0.03 on. (With three 0.3 nats were once
+wrong; most is `unknown` then.) To move it up, too, or each object's own, named up to 4 points fewer
+right on open ground and in rooms, and no more in woods and streets.
 """
 
 from dataclasses import replace
@@ -29,7 +31,8 @@ from .prior import lighting_scale
 STEPS = 3
 PIXELS = 1000  # that are looked at
 LEAST = 0.03  # of the sky's share: where no pixel seems to see it, one may
-WORTH = 0.09, 0.17  # nats per pixel, from which on it is moved, and all the way
+# nats per pixel, from which on it is moved, and all the way; of fewer than so many bands
+WORTH, WORTH_OF_FEW, FEW = (0.03, 0.09), (0.09, 0.17), 6
 WORK = 1 << 22  # pixels times components of all hypotheses, at once
 
 
@@ -67,7 +70,7 @@ def with_usual_lighting(environment, cube, library, left_out=None):
         nats.append(_step(known | {"usual_lighting": usual}, some)[1])
     except np.linalg.LinAlgError:  # too little noise to tell: whoever answers says so
         return environment
-    least, most = WORTH
+    least, most = WORTH_OF_FEW if cube.bands < FEW else WORTH
     way = np.clip((nats[-1] - nats[0] - least) / (most - least), 0, 1)
     return replace(environment, usual_lighting=(1 - way) / k + way * usual) if way else environment
 

@@ -34,7 +34,8 @@ FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
 LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
 MOST = 0.15  # that a logarithm of a gain may be
 # on eleven scenes used for tuning, 12 to 54 bands off by 0 to 3 %: those that helped were 0.4 to
-# 2.4 times that, those by which T was worse by 0.7 K and more 1.9 to 18 times
+# 2.4 times that, those by which T was worse by 0.7 K and more 1.9 to 18 times (when the noise was
+# first taken to be twice FIRST, and the mean of the materials counted)
 BELIEVED = 2.0
 
 
