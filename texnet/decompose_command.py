@@ -254,7 +254,7 @@ def _of_objects(k, chosen, given, bands):
             apart = f"; nor do they tell {k} objects apart: V leans on what is usual"
         yield (
             f"Few bands    with {bands}, {wrong} of the pixels got a wrong material in simulated "
-            f"scenes, and up to three quarters of these were not marked unknown{apart}"
+            f"scenes, and up to two thirds of these were not marked unknown{apart}"
         )
 
 
