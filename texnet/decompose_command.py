@@ -24,7 +24,7 @@ MANY_BANDS = 10  # fewer tell materials badly apart
 # of so many bands or more, what share of the pixels gets a wrong material, unknown or not: in the
 # 24 and 12 test scenes of docs/accuracy.md, and in the four of docs/atlas.md
 WRONG = {
-    2: "two thirds",
+    2: "more than half",
     3: "a quarter to two fifths",
     4: "a sixth to a third",
     6: "a tenth to a quarter",
