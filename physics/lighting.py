@@ -12,11 +12,13 @@ h being all hypotheses but the sky.
 
 Scenes used for tuning (78, 3 to 54 bands, `net+sgd`) set the rest. Three steps do nearly all of it.
 It is moved only if pixels are likelier by WORTH, and in between by a part of the way. With four
-bands they were likelier in woods and streets by 0.13 to 0.41 nats and 5 to 20 points more were then
-right, elsewhere by 0.08 and less, but where it was 0.08, of two scenes 33 and 38 points fewer. With
-six bands and more it did no harm anywhere, and good from 0.03 on. (With three 0.3 nats were once
-wrong; most is `unknown` then.) To move it up, too, or each object's own, named up to 4 points fewer
-right on open ground and in rooms, and no more in woods and streets.
+bands pixels of woods and streets were likelier by 0.06 nats and less, where 5 points more were
+right at most, or by 0.13 to 0.41, where 5 to 20 more were; elsewhere by 0.08 and less, but of two
+scenes where it was 0.08, 33 and 38 points fewer. With six bands and more it did no harm anywhere,
+and good from 0.03 on. With three, where most is `unknown`, it was wrong at 0.06 and 0.3 (three
+scenes, by 9 to 13 points), and right by 5 to 23 points from 0.15 on in all others. To move it up,
+too, or each object's own, named up to 4 points fewer right on open ground and in rooms, and no more
+in woods and streets.
 """
 
 from dataclasses import replace

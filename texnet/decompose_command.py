@@ -25,7 +25,7 @@ MANY_BANDS = 10  # fewer tell materials badly apart
 # 24 and 12 test scenes of docs/accuracy.md, and in the four of docs/atlas.md
 WRONG = {
     2: "more than half",
-    3: "a quarter to two fifths",
+    3: "a third to two fifths",
     4: "a sixth to a third",
     6: "a tenth to a quarter",
 }
