@@ -11,7 +11,10 @@ import argparse
 import time
 from pathlib import Path
 
+import numba
 import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, SCENES, THREADS, test_scenes
@@ -36,6 +39,9 @@ def main():
     parser.add_argument("--scenes", type=int, default=SCENES)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
+    numba.set_num_threads(THREADS)
+    torch.set_num_threads(THREADS)
+    threadpool_limits(THREADS)
     library, run, rows = MaterialLibrary.starter(), Runtime(ONNX, THREADS).run, []
     for name, traced in test_scenes(args.scenes):
         cube, truth = traced.shade(library, *equidistant_bands(args.bands), NETD_K)

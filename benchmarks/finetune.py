@@ -198,8 +198,9 @@ def run(part, args, library):
         network, scenes, draws, minutes = _network(part, args, library, report)
         test = ReshadedSet(args.cache, "test", args.test_scenes, library)
         test.make(progress=lambda n, of: report(n, of, "test scenes"))
+    tracing = scenes * _seconds_per_scene(library) if scenes else 0.0
     cost = {
-        "draws": draws, "minutes_scenes": round(scenes * _seconds_per_scene(library) / 60, 2),
+        "draws": draws, "minutes_scenes": round(tracing / 60, 2),
         "minutes_training": round(minutes, 2),
     }  # fmt: skip
     save_network(network, args.out / f"{part}.safetensors", {"benchmark": part} | cost)

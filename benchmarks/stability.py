@@ -178,7 +178,7 @@ def fewer_bands(view, library, bands):
 def bands_that_end_early(view, library, last_um):
     """Of the bands of 8-14 um those to be had of many cameras, none of which is opaque."""
     cube, truth = shaded(view, library)
-    held = cube.wavelength_um < last_um
+    held = cube.wavelength_um + cube.fwhm_um / 2 < last_um + 1e-6
     truth = replace(
         truth, emissivity=truth.emissivity[held], texture=truth.texture[held],
         wavelength_um=truth.wavelength_um[held],
@@ -432,7 +432,7 @@ AXES = {
     ),
     "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
     "bands end early": Axis(
-        "last band ends at (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early
+        "last band ends by (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early
     ),
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
     "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),

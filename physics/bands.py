@@ -51,7 +51,7 @@ def means_of_samples(wavelength_um, spectra, centre_um, fwhm_um):
 
 def equidistant_bands(n, low_um=8.0, high_um=14.0):
     """n box bands side by side -> centres and widths, each (n,), in um."""
-    if not (n >= 1 and float(n).is_integer() and 0 < low_um < high_um):
+    if not (n >= 1 and float(n).is_integer() and 0 < low_um < high_um < np.inf):
         raise InputError(
             f"bands: need a whole n >= 1 and 0 < low < high, got {n}, {low_um}, {high_um}."
         )

@@ -115,11 +115,11 @@ def design_filters(library, n, scenes=None, progress=None):
     progress  called as progress(done, total, what)
 
     Raises InputError where the library holds no material but the sky or covers less than LEAST_UM
-    of 8-14 um, or n is less than LEAST or more than the library's range holds.
+    of 8-14 um, or n is no whole number, less than LEAST or more than the library's range holds.
     """
     model, best = _Model(library, scenes), None
-    if n < LEAST:
-        raise InputError(f"bands: need at least {LEAST} filters, got {n}.")
+    if not isinstance(n, (int, np.integer)) or n < LEAST:
+        raise InputError(f"bands: need at least {LEAST} filters, a whole number of them, got {n}.")
     most = round((model.high - model.low) / STEP_UM)
     if n > most:
         raise InputError(f"bands: {model.low:g}-{model.high:g} um hold {most} filters, got {n}.")
@@ -136,9 +136,12 @@ def design_filters(library, n, scenes=None, progress=None):
 def rate_filters(library, wavelength_um, width_um, scenes=None):
     """Filters of centres (N,) and of one width, um, with what to expect of them.
 
-    Raises InputError as design_filters, or where a filter reaches beyond filter_range(library).
+    Raises InputError where the library does not do for design_filters, or a filter has no width or
+    reaches beyond filter_range(library).
     """
     model, half = _Model(library, scenes), width_um / 2 - 1e-9
+    if not (len(wavelength_um) and 0 < width_um < np.inf):
+        raise InputError(f"bands: need one filter or more, of a width above 0, got {width_um} um.")
     if min(wavelength_um) - half < model.low or max(wavelength_um) + half > model.high:
         raise InputError(f"bands: filters must lie within {model.low:g}-{model.high:g} um.")
     return model.rate(list(wavelength_um), width_um)

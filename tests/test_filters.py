@@ -136,8 +136,12 @@ def test_grey_bodies_of_one_temperature_differ_by_what_the_temperature_cannot_me
 
 
 def test_what_is_refused():
-    with pytest.raises(InputError, match="at least 3"):
-        design_filters(THREE, 2)
+    for n in (2, 3.5):
+        with pytest.raises(InputError, match=f"at least 3 filters, .* got {n}"):
+            design_filters(THREE, n)
+    for centres, width in (([9.0, 10.0, 11.0], 0.0), ([9.0, 10.0, 11.0], -1.0), ([], 1.0)):
+        with pytest.raises(InputError, match="width above 0"):
+            rate_filters(THREE, centres, width)
     with pytest.raises(InputError, match="only the sky"):
         design_filters(MaterialLibrary(["sky"], W, np.full((1, W.size), 0.5)), 4)
     with pytest.raises(InputError, match="cover"):

@@ -112,6 +112,12 @@ def test_unknown_preset_lists_the_names():
         preset("beach")
 
 
+@pytest.mark.parametrize("seed", [-1, 1.5])
+def test_a_seed_that_is_none_is_one_sentence(seed):
+    with pytest.raises(InputError, match=f"whole number of 0 or more, got {seed}"):
+        preset("patches", seed)
+
+
 RANDOM_SEEDS = range(100, 114)
 
 

@@ -12,6 +12,7 @@ from physics.planck import planck
 from physics.simulator import Camera, Scene, SceneObject, TracedScene, simulate, trace_scene
 from physics.simulator.sensor import FLOOR_K, Bands
 from physics.simulator.trace import Tracer
+from physics.simulator.traced import trace_on_demand
 from physics.sky import Atmosphere
 
 W, FWHM = np.array([8.5, 10.0, 12.5]), np.array([0.0, 0.2, 0.3])
@@ -118,6 +119,10 @@ def test_several_materials_may_stand_for_one():
         ("spp", np.array(0)), ("seed", np.array(np.inf)), ("materials", np.array("soil")),
         ("vertices", np.ones(7, int)), ("of_heat", np.array(1)), ("value", np.ones(3, np.float32)),
         ("temperature_range_k", np.ones(3)), ("atmosphere", np.ones(9)),
+        ("size", -np.array(SIZE)), ("roulette", np.zeros(2)), ("day_roulette", np.full(3, 0.5)),
+        ("temperature_range_k", np.array([300.0, 295])),
+        ("temperature_range_k", np.array([np.nan, 300])),
+        ("temperature_range_k", np.array([297.0, 300])),
     ],
 )  # fmt: skip
 def test_arrays_that_do_not_fit_are_refused(tmp_path, key, wrong):
@@ -128,6 +133,32 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path, key, wrong):
     np.savez(file, **arrays)
     with pytest.raises(InputError, match="no traced scene file; its arrays do not fit"):
         TracedScene.load(file)
+
+
+def test_a_material_beyond_those_named_is_refused(tmp_path):
+    file = tmp_path / "paths.npz"
+    trace_scene(scene(), SIZE, SPP, 7, FIRST).save(file)
+    with np.load(file) as data:
+        arrays = dict(data)
+    arrays["material"][-1] = 3  # of two; the third is the sky
+    np.savez(file, **arrays)
+    with pytest.raises(InputError, match="no traced scene file; its arrays do not fit"):
+        TracedScene.load(file)
+
+
+def test_a_block_traced_on_demand_is_the_same_each_time(tmp_path):
+    """Daylight, too: of snow more paths go on for it alone."""
+    white = library(soil=(0.95, 0.9), paint=(0.75, 0.85))
+    white = dataclasses.replace(white, albedo_rgb=np.full((3, 3), 0.9))
+    on_demand = trace_on_demand(scene(), SIZE, SPP, 7, white)
+    one, other = on_demand.blocks[0], on_demand.blocks[0]
+    for f in dataclasses.fields(one):
+        np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name))
+    assert (one.end < one.start[1:]).any()
+    on_demand.save(tmp_path / "paths.npz")
+    kept = trace_scene(scene(), SIZE, SPP, 7, white)
+    back = TracedScene.load(tmp_path / "paths.npz")
+    assert_same(back.shade(white, W, FWHM), kept.shade(white, W, FWHM))
 
 
 @pytest.mark.parametrize("closed", [False, True])

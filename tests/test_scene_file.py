@@ -57,6 +57,9 @@ def test_a_scene_is_what_its_file_says(write):
     assert scene.camera.fov_deg == 35 and scene.camera.position == (0, -5, 2)
     assert scene.atmosphere.air_temperature_k == 280 and scene.atmosphere.water_cm == 2
     assert scene.sun_direction == (0, 0, 1)
+    for long in (1e300, 1e-300):
+        to = load_scene(write(lambda d, n=long: d.update(sun_direction=[n, 0, n]))).sun_direction
+        assert to == pytest.approx((0.5**0.5, 0, 0.5**0.5))
     assert load_scene(write(lambda d: d.pop("atmosphere"))).atmosphere is None
     assert load_scene(write(lambda d: d["camera"].pop("fov_deg"))).camera.fov_deg == 40
 

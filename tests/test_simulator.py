@@ -650,6 +650,7 @@ def test_open_room_is_refused():
         (dict(seed=-1), "seed must be a whole number of 0"),
         (dict(netd_k=-1), "NETD"),
         (dict(wavelength_um=[20.0, 21.0, 22.0]), "reach from 20 to 22 um"),
+        (dict(wavelength_um=[9.0, 14.4], fwhm_um=[0.3, 0.3]), "reach from 8.85 to 14.55 um"),
         (dict(fwhm_um=[0.1]), "one width"),
         (dict(library=OUTDOOR.subset(["soil", "sky"])), "no material 'paint'"),
         (dict(library=OUTDOOR.subset(["soil", "paint"])), "no 'sky'"),

@@ -150,9 +150,7 @@ class Training(lightning.LightningModule):
         self.seconds, self.metrics = checkpoint["seconds"], checkpoint["metrics"]
 
     def training_step(self, batch, _):
-        loss = self.loss(*batch)
-        self.log("loss", loss.detach(), on_step=False, on_epoch=True, batch_size=1)
-        return loss
+        return self.loss(*batch)
 
     def predict(self, sample, s):
         """The network's Prediction of a Sample, of which s is the Stem."""

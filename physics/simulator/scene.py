@@ -112,6 +112,7 @@ class Scene:
                     f"the camera; cut it at {MAX_REACH_M / 1000:.0f} km, or give it in m."
                 )
         sun = np.asarray(self.sun_direction, float)
-        if sun.shape != (3,) or not np.isfinite(sun).all() or np.linalg.norm(sun) == 0:
+        if sun.shape != (3,) or not np.isfinite(sun).all() or not sun.any():
             raise InputError("scene: sun_direction must be three numbers, not all zero.")
+        sun = sun / np.abs(sun).max()  # whose square neither overflows nor vanishes
         object.__setattr__(self, "sun_direction", tuple(sun / np.linalg.norm(sun)))

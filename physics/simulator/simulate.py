@@ -34,13 +34,16 @@ def simulate(
     where rays leave a scene without atmosphere.
     """
     library = MaterialLibrary.starter() if library is None else library
-    fine_um = np.unique(Bands.of(wavelength_um, fwhm_um).fine_um)
-    if not library.covers(fine_um).all():  # said in terms of bands: there is no cube yet
-        (low, high), (first, last) = library.wavelength_um[[0, -1]], fine_um[[0, -1]]
+    bands = Bands.of(wavelength_um, fwhm_um)
+    first = (bands.wavelength_um - bands.fwhm_um / 2).min()
+    last = (bands.wavelength_um + bands.fwhm_um / 2).max()
+    if not library.covers([first, last]).all():  # said in terms of bands: there is no cube yet
+        low, high = library.wavelength_um[[0, -1]]
         raise InputError(
             f"bands: they reach from {first:.4g} to {last:.4g} um, but the library's curves from "
             f"{low:g} to {high:g}; take bands within."
         )
+    fine_um = np.unique(bands.fine_um)
     # The roulette need not heed what the curves do outside the bands.
     at_bands = replace(library, wavelength_um=fine_um, emissivity=library.at(fine_um))
     traced = trace_on_demand(scene, size, spp, seed, at_bands)

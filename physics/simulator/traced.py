@@ -30,10 +30,13 @@ from .shade import Shader, shade
 from .trace import SKY, Paths, Tracer, roulette
 
 PATHS_PER_BLOCK = 2**16  # some 10 MB of rays and paths, and a quarter of a second
+OF_NOISE = 0  # which of a seed's random numbers
 KEYS = (
     "size", "spp", "seed", "materials", "roulette", "day_roulette", "temperature_range_k",
     "atmosphere", "vertices", "of_heat", "material", "value", "sun",
 )  # fmt: skip
+ROULETTES = "roulette", "day_roulette"
+ROUNDING_K = 1e-2  # of a temperature between three corners, in 32 bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +139,7 @@ class TracedScene:
         )  # fmt: skip
         cube = s.reshape(n, height, width)
         if netd_k > 0:
-            noise_seed = _seeds(self.seed, len(spans))[0]
-            cube = add_noise(cube, bands.wavelength_um, netd_k, np.random.default_rng(noise_seed))
+            cube = add_noise(cube, bands.wavelength_um, netd_k, _generator(self.seed, OF_NOISE))
         try:
             return HeatCube(cube, bands.wavelength_um, bands.fwhm_um, netd_k or None), truth
         except Implausible as e:
@@ -195,8 +197,10 @@ class TracedScene:
     def _of(a):
         """The scene in arrays as `save` wrote them; other errors than InputError if they are not
         that."""
-        size, spp = tuple(int(n) for n in a["size"]), int(a["spp"])
-        sky = len(a["materials"])
+        (height, width), spp = (int(n) for n in a["size"]), int(a["spp"])
+        size, sky = (height, width), len(a["materials"])
+        if min(*size, spp) < 1:
+            raise ValueError
         material = a["material"].astype(np.uint16)
         material[material == sky] = SKY
         start = np.concatenate([[0], np.cumsum(a["vertices"], dtype=np.int64)])
@@ -204,6 +208,10 @@ class TracedScene:
         if {len(a[key]) for key in ("vertices", "of_heat")} != of_path:
             raise ValueError
         if {len(a[key]) for key in ("material", "value", "sun")} != of_vertex:
+            raise ValueError
+        if a["material"].max() > sky or {len(a[key]) for key in ROULETTES} != {sky}:
+            raise ValueError
+        if not all(((a[key] > 0) & (a[key] <= 1)).all() for key in ROULETTES):
             raise ValueError
         blocks = []
         for pixels in pixel_blocks(size, spp):
@@ -214,6 +222,10 @@ class TracedScene:
                       a["value"][at], a["sun"][at], a["roulette"], a["day_roulette"])
             )  # fmt: skip
         low, high = a["temperature_range_k"]
+        of_surfaces = a["value"][material != SKY]
+        coldest, hottest = of_surfaces.min(initial=high), of_surfaces.max(initial=low)
+        if not low - ROUNDING_K <= coldest <= hottest <= high + ROUNDING_K:
+            raise ValueError
         return TracedScene(
             size, spp, int(a["seed"]), tuple(str(n) for n in a["materials"]), a["roulette"],
             a["day_roulette"], (float(low), float(high)),
@@ -267,14 +279,13 @@ def trace_on_demand(scene, size, spp, seed, library):
 class _BlocksOnDemand(Sequence):
     def __init__(self, tracer, size, spp, q, q_day, seed):
         self._tracer, self._size, self._spp, self._q, self._q_day = tracer, size, spp, q, q_day
-        self._spans = pixel_blocks(size, spp)
-        self._seeds = _seeds(seed, len(self._spans))[1:]
+        self._spans, self._seed = pixel_blocks(size, spp), seed
 
     def __len__(self):
         return len(self._spans)
 
     def __getitem__(self, block):
-        rng = np.random.default_rng(self._seeds[block])
+        rng = _generator(self._seed, OF_NOISE + 1 + block)
         return self._tracer.paths(
             self._size, self._spans[block], self._spp, self._q, self._q_day, rng
         )
@@ -286,6 +297,6 @@ def pixel_blocks(size, spp):
     return [range(i, min(i + step, pixels)) for i in range(0, pixels, step)]
 
 
-def _seeds(seed, blocks):
-    """Independent seeds: of the sensor noise, then of each block of pixels."""
-    return np.random.SeedSequence(seed).spawn(1 + blocks)
+def _generator(seed, which):
+    """Independent random numbers: of the sensor noise, OF_NOISE, then of each block of pixels."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(which,)))

@@ -11,6 +11,8 @@ enclosed   the same, if outdoors in a wood or a street
 props and temperature are what they are made of.
 """
 
+import numpy as np
+
 from ...errors import InputError
 from .forest import forest
 from .patches import patches
@@ -31,12 +33,15 @@ PRESETS = {
 
 
 def preset(name, seed=0):
-    """The Scene of a preset by name; InputError lists the names if there is none such."""
+    """The Scene of a preset by name and seed, a whole number of 0 or more; InputError lists the
+    names if there is none such."""
     if name not in PRESETS:
         raise InputError(
             f"scene: no preset {name!r}; choose from {', '.join(PRESETS)}, or give a scene file "
             "(.json)."
         )
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError(f"scene: seed must be a whole number of 0 or more, got {seed!r}.")
     return PRESETS[name](seed)
 
 

@@ -3,7 +3,7 @@
 A clear night two hours after sunset, air at 285 K: stone, water and trunks still hold the
 day's heat (288-291 K), leaves follow the air, open grass and soil have cooled below it. Two
 trunks of 0.7 m stand 5-7 m from the camera, their bark 6 cm deep; a pond of about 12 m by
-8 m lies in front, boulders of 1-2 m around it, trees of 11-17 m out to 70 m, hills to 400 m.
+8 m lies in front, boulders of up to 2 m around it, trees of 11-17 m out to 130 m, hills to 400 m.
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 5.2 m by 6 m by 2.7 m, air 294 K: floor 292 K, ceiling 295 K, a cold window pane at 281 K with a
 radiator of 322 K beneath, a lamp whose shade is at 308 K and bulb at 345 K, a cup of tea at
-330 K, skin at 306 K. A concrete shell 0.3 m outside the walls makes sure that no ray escapes.
+330 K, a face at 304 K. A concrete shell 0.3 m outside the walls makes sure that no ray escapes.
 """
 
 import numpy as np
