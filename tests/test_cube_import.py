@@ -489,6 +489,20 @@ def test_brightness_temperatures_that_are_said_to_be_become_radiance(tmp_path, c
     np.testing.assert_array_equal(dead, T[0] == 260)
 
 
+def test_degrees_celsius_are_no_kelvin(tmp_path):
+    """Nor is radiance; numbers below some 14 would glow less than 32 bits hold."""
+    celsius = np.broadcast_to(T - 273.15, S.shape)
+    for numbers, sentence in (
+        (celsius, r"than \d\d K; add 273.15 if these are degrees Celsius, else give the --unit"),
+        (celsius - 30, "in K nothing of it would be warm enough to glow; add 273.15 if these"),
+        (S, "in K nothing of it would be warm enough to glow; .* give the --unit of the radiance"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            import_cube(envi(tmp_path / "a", numbers, kind=5), "K")
+    with pytest.raises(InputError, match="zero, NaN or infinite"):
+        import_cube(envi(tmp_path / "b", np.full(S.shape, np.nan), kind=5), "K")
+
+
 def test_a_unit_is_never_guessed(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
     assert "give --unit, one of W/m2/sr/um, mW" in refused(capfd, path, "--out", out)
@@ -507,6 +521,14 @@ def test_hadar(tmp_path, in_parts, key):
     assert "720-1250 cm-1 became 8-13.89 um, order reversed" in note
     micro = mat(tmp_path / "b.mat", **{key: 100 * S.transpose(1, 2, 0)})
     check_same(import_cube(micro, "microflick", wavenumbers_cm1=(720, 1250))[0])
+
+
+@pytest.mark.parametrize("key", ["S", "cube"])
+def test_one_band_has_no_third_axis_in_matlab(tmp_path, key):
+    wavelength = {} if key == "S" else {"wavelength": W[:1]}
+    path = mat(tmp_path / "a.mat", **{key: S[0]}, **wavelength)
+    stated = {} if wavelength else {"wavelengths_um": (W[0], W[0])}
+    check_same(import_cube(path, "W/m2/sr/um", **stated)[0], S[:1], W[:1])
 
 
 def test_the_published_mean_radiances_are_289_k(tmp_path):
@@ -550,6 +572,13 @@ def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both, go
     np.testing.assert_array_equal(cube.wavelength_um, W[good][::-1])
     np.testing.assert_allclose(cube.radiance[:, :2, :4], S[good][::-1], rtol=1e-6)
     assert ("is a mask" in note) == bool(mask) and ("of these alone" in note) != both
+
+
+@pytest.mark.parametrize("good", [["a"] * 6, np.zeros(6, "M8[s]"), np.zeros(6, "i4,i4"), [1j] * 6])
+def test_good_bands_that_are_no_numbers_are_refused(tmp_path, good):
+    np.savez(tmp_path / "a.npz", cube=S, wav=W, good_bands=np.array(good))
+    with pytest.raises(InputError, match="good_bands in .* must hold finite real numbers"):
+        import_cube(tmp_path / "a.npz", "W/m2/sr/um")
 
 
 @pytest.mark.parametrize("width", ["fwhm_um", "fwhm"])
@@ -846,6 +875,16 @@ def test_an_array_of_our_own_names_is_a_heat_cube(tmp_path):
     assert "TeX-1500" not in note
 
 
+@pytest.mark.parametrize("unit, width", [("Wavenumber", 7.5), ("Nanometers", 160.0)])
+def test_widths_without_wavelengths_are_left_out(tmp_path, unit, width):
+    """They are in the unit of the header, and the bands in that of the caller."""
+    path = envi(tmp_path / "a", S, wavelength=None, wavelength_units=unit, fwhm=np.full(6, width))
+    cube, note = import_cube(path, "W/m2/sr/um", wavelengths_um=(8, 14))
+    assert (cube.fwhm_um == 0).all() and "band widths are not stated (--fwhm)" in note
+    cube, _ = import_cube(path, "W/m2/sr/um", wavelengths_um=(8, 14), fwhm=0.1)
+    assert cube.fwhm_um == pytest.approx(np.full(6, 0.1))
+
+
 @pytest.mark.parametrize("key", ["data units", "radiance data units", "units"])
 def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
     path = envi(tmp_path / "a", 100 * S, **{key.replace(" ", "_"): "Microflick"})
@@ -911,7 +950,7 @@ def test_other_mistakes(tmp_path, capfd):
     assert "cube: " in refused(capfd, tmp_path / "a.exr", "--out", out)
     (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(99))
     assert "save -v7." in refused(capfd, tmp_path / "a.mat", "--out", out)
-    path = mat(tmp_path / "a.mat", S=S[0])
+    path = mat(tmp_path / "a.mat", S=S[None])
     assert "S in" in refused(capfd, path, "--out", out, "--wavenumbers", "720:1250")
     path = envi(tmp_path / "c", -S)
     assert "zero or negative" in refused(capfd, path, "--out", out, *FLAGS)

@@ -20,6 +20,7 @@ from texnet.files.cube_io import (
     read_cube,
     write_cube,
 )
+from texnet.outputs import check_directory
 
 UNITS = "W.m^-2.sr^-1"
 
@@ -277,6 +278,23 @@ def test_paths_that_are_no_cube(tmp_path, cube):
             write_cube(cube, tmp_path / name)
         with pytest.raises(InputError, match=sentence):
             check_cube_path(tmp_path / name)
+
+
+def test_what_openexr_cannot_name_is_refused_before_the_work(tmp_path, cube, monkeypatch):
+    folder = tmp_path / os.fsdecode(b"d\xff")
+    folder.mkdir()
+    link = tmp_path / "link.exr"
+    link.symlink_to(folder / "cube.exr")
+    monkeypatch.chdir(folder)
+    for refused in (
+        lambda: check_cube_path(folder / "cube.exr"), lambda: check_cube_path(link),
+        lambda: write_cube(cube, link), lambda: check_directory("answer"),
+        lambda: check_directory(folder),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=r"in UTF-8 alone; rename .*d\\udcff"):
+            refused()
+    assert list(folder.iterdir()) == []
+    write_cube(cube, folder / "cube.npz")
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path, cube, monkeypatch):

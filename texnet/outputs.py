@@ -45,7 +45,7 @@ def check_directory(directory, *inputs, names=FILES):
     names   of the files
     """
     directory = Path(directory)
-    check_exr_name(directory)
+    check_exr_name(os.path.abspath(directory))
     if os.path.lexists(directory) and not directory.is_dir():
         raise InputError(f"cannot write into {directory}: it is a file or a dead link, no folder.")
     if directory.is_dir():
@@ -71,7 +71,7 @@ def write_decomposition(decomposition, directory, pictures=None, truth=None):
     directory = Path(directory)
     check_directory(directory)
     # beside it, or in it where it may be a disk of its own
-    near = directory if directory.is_dir() else directory.resolve().parent
+    near = directory if directory.is_dir() else directory.parent
     with tempfile.TemporaryDirectory(dir=near, prefix=".texnet-") as made:
         made = Path(made)
         with ThreadPoolExecutor(1) as beside:  # the disk, zlib and OpenEXR leave a core to Python

@@ -202,16 +202,22 @@ def _read_mat(path):
             "a struct."
         )
     if hadar is None or whole:
-        return _tex1500(path, held, arrays, arrays.get)
-    if arrays[hadar].ndim != 3:
-        raise InputError(
-            f"cube: {hadar} in {path} must be height x width x bands, not {arrays[hadar].shape}."
-        )
-    s = arrays[hadar].transpose(2, 0, 1)
+        one = all(arrays[key].size == 1 for key in WAVELENGTH if key in arrays)
+        load = lambda key: _of_one_band(arrays.get(key)) if one else arrays.get(key)
+        return _tex1500(path, held, arrays, load)
+    s = _of_one_band(arrays[hadar])
+    if s.ndim != 3:
+        raise InputError(f"cube: {hadar} in {path} must be height x width x bands, not {s.shape}.")
+    s = s.transpose(2, 0, 1)
     hint = ""
     if len(s) in PUBLISHED_CM1:
         hint = f" (published cubes of {len(s)} bands need --wavenumbers {PUBLISHED_CM1[len(s)]})"
     return RawCube(f"{HADAR_MAT}, {hadar}", lambda: s, unit="W/m2/sr/cm-1", hint=hint)
+
+
+def _of_one_band(array):
+    """An array with the third axis, of one band, that MATLAB drops."""
+    return array[..., None] if array is not None and array.ndim == 2 else array
 
 
 def _read_npz(path, unit):
@@ -236,7 +242,8 @@ def _tex1500(path, held, arrays, load, ours=False):
         )
     listed = None
     if indices is not None:
-        listed = _real(arrays[indices] * 1, indices, path).ravel()  # times 1: a mask may be bool
+        listed = arrays[indices].ravel()
+        listed = _real(listed * 1 if listed.dtype == bool else listed, indices, path)
     s = load(cube)
     wavelength, axis, good_alone = _where(s, found, listed, ours)
     w = _real(found[wavelength], wavelength, path)

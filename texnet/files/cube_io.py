@@ -94,6 +94,8 @@ def check_cube_path(path, *inputs):
     inputs, paths or None that are read."""
     check_writable(path, *inputs, suffix=_FORMATS)
     _format(Path(path))
+    if Path(path).suffix.lower() == ".exr" and os.path.islink(path):  # what it leads to is written
+        check_exr_name(os.path.realpath(path))
 
 
 def channel_name(wavelength_um):

@@ -75,7 +75,7 @@ def read_envi(path):
         said = f"are {said[:60]!r}" if said else "are missing"
         hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
     words += not_said
-    if axis is None:
+    if axis is None or centre is None:  # whose unit is that of fwhm
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored()
     said = next((header.word(key) for key in UNIT_KEYS if key in header.fields), "")

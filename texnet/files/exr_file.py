@@ -15,9 +15,10 @@ def check_exr_name(path):
 
 def write_exr(header, channels, path):
     """Write channels, {name: (height, width) contiguous array}, and what else a header is to say;
-    OSError, as of a full disk, in OpenEXR's words."""
+    OSError, as of a full disk, in OpenEXR's words; InputError as check_exr_name."""
     import OpenEXR
 
+    check_exr_name(path)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header
     try:
         with OpenEXR.File(header, channels) as file:

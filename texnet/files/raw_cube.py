@@ -35,6 +35,7 @@ EVENEST = 0.1
 THIN = 0.05  # or less are bands as wide as they are apart where the unit of widths is wrong
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
+CELSIUS = "add 273.15 if these are degrees Celsius, else give the --unit of the radiance"
 # of a float that no scene shows, a header may write a few digits alone
 UNREAL, AS_TEXT = 1e6, 1e-5
 
@@ -250,10 +251,12 @@ def _typical_k(radiance, w, unit):
     step = sampling_step(radiance.shape[1:], SAMPLES)
     bands = scratch.parts(radiance)
     s = np.stack([band.reshape(-1)[::step].astype(np.float64) for band in bands])
-    uneven = _uneven(s, w)
+    uneven, dark = _uneven(s, w), bool((s == 0).any())
     band, pixel = np.nonzero(lit(s))
     s, w = s[band, pixel], w[band]
     if not s.size:
+        if unit == KELVIN and dark:
+            raise InputError(f"cube: in K nothing of it would be warm enough to glow; {CELSIUS}.")
         return "nothing", ""  # HeatCube says what is wrong
     numbers = _in_unit(s, unit, w)
 
@@ -269,7 +272,8 @@ def _typical_k(radiance, w, unit):
         names.setdefault(factor, u)  # of two for one unit the first
     fit = {u: t for u in names.values() if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
-    fit = kelvin or f"give the right --unit ({fit})."
+    cold = unit == KELVIN and here < TYPICAL_K[0]
+    fit = kelvin or f"{CELSIUS if cold else 'give the right --unit'} ({fit})."
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         doubt = f"{here:.0f} K is unusual for a scene; if {unit} is not its unit, {fit}"
         return f"{here:.0f} K", f"\nWarning: {doubt}{uneven}"
