@@ -7,13 +7,15 @@ Twenty-four random scenes of the test split (seeds from 3,000,000; training uses
 error of temperature. The presets are not among them: other seeds of these, which differ little,
 were used for tuning. Each is path-traced once and shaded in 4, 9, 18, 54 and 100 bands over 8-14
 um, noise 50 mK; the environment is estimated from the noisy cube with k = 5 objects; the library is
-the whole starter library. `net+sgd` is the ONNX file, as users get it. Writes accuracy.csv, one row
-per scene, bands and method, and confusion.csv, how many pixels of a material got which name there;
-goes on after the last whole scene, if these are of the same code and arguments, and replaces them,
-if not. Prints the means, in how much of each scene nothing is known, scene by scene how far net+sgd
-is from the others, and what materials the last method takes for which. Everything runs on two
+the whole starter library. `net+sgd` is the ONNX file, as users get it. Everything runs on two
 threads. --enclosed takes the same scenes in woods and streets, if outdoors (`enclosed`); --finer
 traces scenes with so many times the pixels on each side.
+
+Writes accuracy.csv, one row per scene, bands and method; confusion.csv, how many pixels of a
+material got which name there; methods.csv, the means that `texnet decompose --budget` goes by. Goes
+on after the last whole scene, if these are of the same code and arguments, and replaces them, if
+not. Prints the means, in how much of each scene nothing is known, scene by scene how far net+sgd is
+from the others, and what materials the last method takes for which.
 """
 
 import time
@@ -28,8 +30,10 @@ from benchmarks import ONNX, confusion
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
+from physics.machinery.whole_file import whole_file
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
+from texnet import budget
 from texnet.methods import METHODS
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
@@ -84,18 +88,32 @@ def measured(out, made, wanted):
     )
 
 
-def table(rows):
-    """Lines of text: per number of bands and method the mean over scenes of what is SHOWN, of
+def means(rows):
+    """Yield per number of bands and method these and {name: mean over scenes} of what is SHOWN, of
     time the median."""
-    yield f"{'bands':>5} {'method':8}" + "".join(f"{name[:14]:>16}" for name in SHOWN)
     for bands in sorted({r["bands"] for r in rows}):
         for method in METHODS:
             of = [r for r in rows if (r["bands"], r["method"]) == (bands, method)]
             if of:
-                columns = ([r[name] for r in of] for name in SHOWN)
-                means = [np.nanmean(c) for c in columns]
-                means[-1] = np.median([r[SHOWN[-1]] for r in of])
-                yield f"{bands:5d} {method:8}" + "".join(f"{m:16.3f}" for m in means)
+                mean = {name: np.nanmean([r[name] for r in of]) for name in SHOWN}
+                yield bands, method, mean | {SHOWN[-1]: np.median([r[SHOWN[-1]] for r in of])}
+
+
+def table(rows):
+    """Lines of text of `means`."""
+    yield f"{'bands':>5} {'method':8}" + "".join(f"{name[:14]:>16}" for name in SHOWN)
+    for bands, method, mean in means(rows):
+        yield f"{bands:5d} {method:8}" + "".join(f"{m:16.3f}" for m in mean.values())
+
+
+def write_methods(rows, path):
+    """What `texnet.budget` reads."""
+    lines = ["# means over the test scenes, by: texnet bench accuracy --out DIR"]
+    lines.append(",".join(("bands", "method", *budget.ERRORS)))
+    for bands, method, mean in means(rows):
+        lines.append(",".join([f"{bands},{method}", *(f"{mean[e]:.4g}" for e in budget.ERRORS)]))
+    with whole_file(path) as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def unknown(rows):
@@ -128,8 +146,8 @@ def differences(rows, other):
 
 
 def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, kind="random", progress=None):
-    """Write accuracy.csv and confusion.csv into the folder out -> their rows. progress is called as
-    progress(done, total, what) after each scene."""
+    """Write accuracy.csv, confusion.csv and methods.csv into the folder out -> the rows of the
+    first two. progress is called as progress(done, total, what) after each scene."""
     out.mkdir(parents=True, exist_ok=True)
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
@@ -154,6 +172,7 @@ def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, kind="random"
         write_csv(out / "accuracy.csv", rows, made)
         if progress is not None:
             progress(i, scenes, "scenes")
+    write_methods(rows, out / "methods.csv")
     return rows, named
 
 

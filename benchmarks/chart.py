@@ -23,8 +23,8 @@ a room the mean of the true X), and, as scipy is, which pixels are sky. Their pi
 sky-lit texture is their X or its negative, whichever matches better.
 
 Writes chart.csv, a row per scene, bands and method; chart.png, medians over the scenes with their
-quartiles and the Pareto front; methods.csv, the errors that `texnet decompose --budget` goes by.
-A stopped run goes on after the last whole scene that was measured with the same settings.
+quartiles and the Pareto front. A stopped run goes on after the last whole scene that was measured
+with the same settings.
 """
 
 import time
@@ -56,7 +56,6 @@ from physics.machinery.whole_file import whole_file
 from texnet.budget import ERRORS
 from texnet.files.weights import load_network
 from texnet.learned import torch_model
-from texnet.methods import METHODS
 from texnet.metrics import correlation, evaluate, non_sky
 from texnet.pipeline import decompose
 from texnet.runtime import Runtime
@@ -202,7 +201,6 @@ def measure(out, networks=(), progress=None):
     summary = medians(rows)
     front = {b: {m: pareto_methods(summary, b, m) for m in ERRORS} for b in BANDS}
     _draw(summary, front, out / "chart.png")
-    _write_methods(summary, out / "methods.csv")
     return {"rows": rows, "medians": summary, "pareto": front}
 
 
@@ -247,18 +245,6 @@ def pareto_methods(summary, bands, metric):
     sign = 1 if ERRORS[metric] else -1
     front = pareto([r["seconds_per_megapixel"] for r in of], [sign * r[metric] for r in of])
     return [of[i]["method"] for i in front]
-
-
-def _write_methods(summary, path):
-    """What texnet.budget reads: the methods of `decompose` alone."""
-    columns = ("bands", "method", *ERRORS)
-    lines = ["# medians over the test scenes, by: texnet bench chart --out DIR", ",".join(columns)]
-    for r in summary:
-        if r["method"] in METHODS:
-            values = [f"{r[name]:.4g}" for name in ERRORS]
-            lines.append(",".join([str(r["bands"]), r["method"], *values]))
-    with whole_file(path) as part:
-        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 # --- drawing ------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import accuracy
 from benchmarks.accuracy import ERRORS, differences, unknown
 from benchmarks.confusion import confused, named_as, table
+from texnet import budget
 from texnet.cli import main
 
 
@@ -64,6 +65,22 @@ def test_materials_are_counted_by_name_where_something_was_measured():
     assert "tree                   60.0%   66.7%  soil 33.3%" in list(table(counts))
 
 
+def test_the_means_feed_the_budget(tmp_path, monkeypatch):
+    """In rooms no texture is lit by the sky."""
+    row = lambda bands, method, t, right, texture: dict.fromkeys(accuracy.SHOWN, 0.0) | dict(
+        bands=bands, method=method, temperature_rmse_k=t, material_accuracy=right,
+        texture_correlation=texture,
+    )  # fmt: skip
+    rows = [
+        row(4, "sgd", 1.0, 0.8, 0.9), row(4, "sgd", 3.0, 0.6, np.nan), row(4, "net", 2.1, 0.6, 0.8),
+        row(54, "sgd", 2.0, 0.7, 0.9), row(54, "net", 1.0, 0.8, 0.8),
+    ]  # fmt: skip
+    accuracy.write_methods(rows, tmp_path / "methods.csv")
+    assert (tmp_path / "methods.csv").read_text().splitlines()[2] == "4,sgd,2,0.7,0.9"
+    monkeypatch.setattr(budget, "MEASURED", tmp_path / "methods.csv")
+    assert budget.best_first(5) == ["sgd", "net"] and budget.best_first(40) == ["net", "sgd"]
+
+
 @pytest.fixture
 def threads_as_before():
     of_numba, of_torch = numba.get_num_threads(), torch.get_num_threads()
@@ -94,7 +111,7 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
             return status
         said = capsys.readouterr().out.splitlines()
         means = [line.split()[:-1] for line in said if " local" in line]
-        assert said[-1] == f"{out}: accuracy.csv, confusion.csv."
+        assert said[-1] == f"{out}: accuracy.csv, confusion.csv, methods.csv."
         return len(scenes), means, said[said.index("4 bands, local") : -1]
 
     whole = run(tmp_path / "whole")

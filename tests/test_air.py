@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from traced import names_of, one_thread, right, said, traced  # noqa: F401
+from traced import names_of, one_thread, right, said, scene_of, traced  # noqa: F401
 
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.air import Air
 from physics.environment import Environment
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
-from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
 from texnet.camera.calibration import _Scene
@@ -170,7 +169,7 @@ def test_air_that_hardly_helps_is_not_taken():
 def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     """200 m of air a quarter more humid than is usual, which takes up to half of a band's light."""
     cube, truth = traced(name, bands)
-    kelvin = preset(name).atmosphere.air_temperature_k
+    kelvin = scene_of(name).atmosphere.air_temperature_k
     near = right(name, bands, method)
     assert near.air_m == 0 and np.isnan(near.air_k)
     d = decompose(behind(cube, truth, 200.0, 0.62, kelvin), method=method)

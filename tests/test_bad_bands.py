@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter1d
-from traced import averaged, names_of, one_thread, right, traced  # noqa: F401
+from traced import averaged, names_of, one_thread, right, scene_of, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands
@@ -18,7 +18,7 @@ from physics.estimate import estimate_environment
 from physics.machinery import scratch
 from physics.planck import noise_sigma, planck
 from physics.simulator import simulate
-from physics.simulator.presets import PRESETS, preset
+from physics.simulator.presets import PRESETS
 from texnet.budget import middle
 from texnet.camera.calibration import _sample
 from texnet.camera.correction import Calibration, corrected
@@ -253,7 +253,7 @@ def test_noise_that_neighbouring_bands_share_is_not_taken_for_less(width):
     """As of a spectrum that was apodised: of each band it is what is stated."""
     w, fwhm = equidistant_bands(36)
     scene = dict(wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=8)
-    cube, clean = (simulate(preset("forest"), netd_k=n, **scene)[0] for n in (0.05, 0))
+    cube, clean = (simulate(scene_of("forest"), netd_k=n, **scene)[0] for n in (0.05, 0))
     off = uniform_filter1d((cube.radiance - clean.radiance) / cube.sigma[:, None, None], width, 0)
     s = clean.radiance + cube.sigma[:, None, None] * off / off.std()
     shared = HeatCube(s, cube.wavelength_um, cube.fwhm_um, 0.05)

@@ -67,24 +67,24 @@ def test_every_method_is_ranked_at_any_number_of_bands(bands):
 
 
 @pytest.fixture
-def charted(tmp_path, monkeypatch):
-    """charted(rows) puts the chart in place of the package's."""
-    chart = tmp_path / "methods.csv"
-    monkeypatch.setattr(module, "CHART", chart)
+def measured(tmp_path, monkeypatch):
+    """measured(rows) puts a table in place of the package's."""
+    table = tmp_path / "methods.csv"
+    monkeypatch.setattr(module, "MEASURED", table)
     head = "# by\nbands,method,temperature_rmse_k,material_accuracy,texture_correlation\n"
-    return lambda *rows: chart.write_text(head + "\n".join(rows) + "\n")
+    return lambda *rows: table.write_text(head + "\n".join(rows) + "\n")
 
 
-def test_the_nearest_number_of_bands_is_by_ratio(charted):
-    charted("4,a,1,0.9,0.9", "4,b,2,0.8,0.8", "64,a,2,0.1,0.1", "64,b,1,0.2,0.2")
+def test_the_nearest_number_of_bands_is_by_ratio(measured):
+    measured("4,a,1,0.9,0.9", "4,b,2,0.8,0.8", "64,a,2,0.1,0.1", "64,b,1,0.2,0.2")
     assert best_first(15) == ["a", "b"]
     assert best_first(17) == ["b", "a"]
 
 
-def test_the_best_is_best_in_most_and_less_is_better_of_temperature(charted):
-    charted("4,a,1.0,0.7,0.9", "4,b,1.5,0.8,0.8", "4,c,9.0,0.6,0.7")
+def test_the_best_is_best_in_most_and_less_is_better_of_temperature(measured):
+    measured("4,a,1.0,0.7,0.9", "4,b,1.5,0.8,0.8", "4,c,9.0,0.6,0.7")
     assert best_first(4) == ["a", "b", "c"]
-    charted("4,a,9.0,0.7,0.9", "4,b,1.5,0.8,0.8", "4,c,1.0,0.6,0.7")
+    measured("4,a,9.0,0.7,0.9", "4,b,1.5,0.8,0.8", "4,c,1.0,0.6,0.7")
     assert best_first(4)[0] == "b"
 
 

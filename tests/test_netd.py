@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
-from traced import traced
+from traced import scene_of, traced
 
 from physics import HeatCube, InputError
 from physics.bands import equidistant_bands
 from physics.cube.netd import noise_of_bands
 from physics.planck import noise_sigma, planck
 from physics.simulator import simulate
-from physics.simulator.presets import preset
 from physics.simulator.sensor import add_noise
 
 
@@ -85,9 +84,9 @@ def test_pixels_that_stand_twice_are_not_calm(bands, times):
 def test_noise_that_neighbouring_bands_share_is_noise(name, netd, width):
     """An interferometer's spectra, apodised, or with more bands than it resolves."""
     w, fwhm = equidistant_bands(54)
-    clean = simulate(preset(name), wavelength_um=w, fwhm_um=fwhm, size=(72, 96), spp=8, netd_k=0.0)[
-        0
-    ]
+    clean = simulate(
+        scene_of(name), wavelength_um=w, fwhm_um=fwhm, size=(72, 96), spp=8, netd_k=0.0
+    )[0]
     alone = np.random.default_rng(0).standard_normal(clean.radiance.shape)
     shared = gaussian_filter1d(alone, width, axis=0, mode="wrap")
     shared *= noise_sigma(w, netd)[:, None, None] / shared.std()

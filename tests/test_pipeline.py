@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
-from traced import averaged, names_of, one_thread, traced  # noqa: F401
+from traced import averaged, names_of, one_thread, scene_of, traced  # noqa: F401
 
 import texnet.circumstances
 import texnet.solver
@@ -19,7 +19,6 @@ from physics.estimate import estimate_environment
 from physics.known import known_arrays
 from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.simulator import simulate
-from physics.simulator.presets import preset
 from texnet.baselines import baseline_pictures
 from texnet.learned import torch_model
 from texnet.methods import METHODS
@@ -286,7 +285,7 @@ def test_less_noise_than_the_model_is_good_to_makes_no_answer_worse(method, name
     right, surely_wrong, off = [], [], []
     for netd_k in (LEAST_NETD_K, 0.003):
         cube, truth = simulate(
-            preset(name), wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=16, netd_k=netd_k
+            scene_of(name), wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=16, netd_k=netd_k
         )
         d = decompose(cube, method=method)
         assert d.netd_k == LEAST_NETD_K

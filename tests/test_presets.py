@@ -7,6 +7,7 @@ import pytest
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy.spatial import cKDTree
+from traced import scene_of
 
 from physics.errors import InputError
 from physics.library import MaterialLibrary
@@ -20,11 +21,6 @@ TRIANGLES = {  # fewest and most that each preset may have
     "patterned": (100e3, 500e3), "room": (50e3, 500e3), "random": (1e3, 150e3),
     "enclosed": (1e3, 700e3),
 }  # fmt: skip
-
-
-@functools.cache
-def scene_of(name, seed=0):
-    return preset(name, seed)
 
 
 @functools.cache

@@ -4,13 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from traced import scene_of
 
 from physics import HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands
 from physics.estimate import Sample
 from physics.planck import noise_sigma, planck
 from physics.simulator import trace_scene
-from physics.simulator.presets import preset
 from physics.support import supported_count
 from texnet.pipeline import decompose
 
@@ -32,7 +32,7 @@ def test_an_isothermal_enclosure_needs_one_object():
 @pytest.fixture(scope="module")
 def forest():
     library = MaterialLibrary.starter()
-    traced = trace_scene(preset("forest", 7), (48, 64), 16, 7, library)
+    traced = trace_scene(scene_of("forest", 7), (48, 64), 16, 7, library)
     return traced.shade(library, W, FWHM)[0]
 
 

@@ -20,14 +20,14 @@ ANSWER = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="u
 ARRAYS, JSON = ANSWER.partition("## Libraries")[0].split("`--json` prints")
 
 
-_scene = functools.cache(preset)  # the forest's geometry takes seconds
+scene_of = functools.cache(preset)  # the forest's geometry takes seconds
 
 
 @functools.cache
 def traced(name, bands=24, size=(48, 72), spp=16):
     """(HeatCube, Truth) of a preset scene."""
     w, fwhm = equidistant_bands(bands)
-    return simulate(_scene(name), wavelength_um=w, fwhm_um=fwhm, size=size, spp=spp)
+    return simulate(scene_of(name), wavelength_um=w, fwhm_um=fwhm, size=size, spp=spp)
 
 
 @functools.cache

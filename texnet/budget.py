@@ -1,10 +1,10 @@
 """Which method fits a time budget: the most accurate one that this machine runs fast enough.
 
-`methods.csv` in texnet/data, which `texnet bench chart` measured, says how accurate each method is
-at several numbers of bands: in temperature, in material and in texture, and the best is the one
-whose ranks in the three sum to the least. How fast they are depends on the machine: best first,
-the methods are run on the middle of the cube itself, and once on all of it thinned, for what takes
-the same time whatever the size, until one is fast enough.
+`methods.csv` in texnet/data, which `texnet bench accuracy` measured, says how accurate each method
+is at several numbers of bands: in temperature, in material and in texture, and the best is the one
+whose ranks in the three sum to the least. How fast they are depends on the machine: best first, the
+methods are run on the middle of the cube itself, and once on all of it thinned, for what takes the
+same time whatever the size, until one is fast enough.
 """
 
 import csv
@@ -25,7 +25,7 @@ from .methods import NETS
 from .pipeline import decompose
 
 ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
-CHART = files("texnet") / "data" / "methods.csv"
+MEASURED = files("texnet") / "data" / "methods.csv"
 # pixels on a side that a method is first run on, to load and compile and for what it does once, and
 # then timed on
 WARM, CROP = 64, 256
@@ -75,11 +75,11 @@ def choose(cube, library, k, budget, model_of, progress=None):
 
 
 def best_first(bands):
-    """Names of methods, the most accurate first, by the chart at the nearest number of bands."""
-    lines = CHART.read_text(encoding="utf-8").splitlines()
+    """Names of methods, the most accurate first, as measured at the nearest number of bands."""
+    lines = MEASURED.read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    charted = {int(r["bands"]) for r in rows}
-    nearest = min(charted, key=lambda n: abs(math.log(n / bands)))
+    measured = {int(r["bands"]) for r in rows}
+    nearest = min(measured, key=lambda n: abs(math.log(n / bands)))
     of = [r for r in rows if int(r["bands"]) == nearest]
     ranks = dict.fromkeys((r["method"] for r in of), 0)
     for name, more_is_better in ERRORS.items():

@@ -337,7 +337,8 @@ def bench_accuracy(args):
     from .outputs import check_directory
     from .progress import progress_bar
 
-    check_directory(args.out, names=("accuracy.csv", "confusion.csv"))
+    files = "accuracy.csv", "confusion.csv", "methods.csv"
+    check_directory(args.out, names=files)
     try:
         with progress_bar() as report:
             rows, named = run(
@@ -346,7 +347,7 @@ def bench_accuracy(args):
             )  # fmt: skip
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
-    text = "\n".join([*summary(rows, named), f"{args.out}: accuracy.csv, confusion.csv."])
+    text = "\n".join([*summary(rows, named), f"{args.out}: {', '.join(files)}."])
     return text, {"command": "bench accuracy", "rows": rows}
 
 
@@ -370,13 +371,13 @@ def bench_chart(args):
     from .outputs import check_directory
     from .progress import progress_bar
 
-    check_directory(args.out, names=("chart.csv", "chart.png", "methods.csv"))
+    check_directory(args.out, names=("chart.csv", "chart.png"))
     try:
         with progress_bar() as report:
             result = measure(args.out, args.network, report)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
-    text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png, methods.csv."])
+    text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png."])
     return text, {"command": "bench chart"} | result
 
 
