@@ -21,13 +21,11 @@ from the others, and what materials the last method takes for which.
 import time
 from collections import Counter
 
-import numba
 import numpy as np
-import torch
-from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX, confusion
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
+from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.machinery.whole_file import whole_file
@@ -42,7 +40,6 @@ from training.scenes import BASE_SEED
 
 BANDS = (4, 9, 18, 54, 100)
 SCENES, SIZE, SPP, NETD_K, K = 24, (128, 160), 64, 0.05, 5
-THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 ERRORS = (
     "temperature_rmse_k", "temperature_mae_k", "material_accuracy", "mean_iou", "cross_entropy",
     "texture_correlation",
@@ -149,9 +146,7 @@ def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, kind="random"
     """Write accuracy.csv, confusion.csv and methods.csv into the folder out -> the rows of the
     first two. progress is called as progress(done, total, what) after each scene."""
     out.mkdir(parents=True, exist_ok=True)
-    numba.set_num_threads(THREADS)
-    torch.set_num_threads(THREADS)
-    threadpool_limits(THREADS)
+    on_two_threads()
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
     library = MaterialLibrary.starter()
     made = f"{settings()}, {scenes} {kind} scenes, {finer} times finer"

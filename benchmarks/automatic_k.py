@@ -11,14 +11,12 @@ import argparse
 import time
 from pathlib import Path
 
-import numba
 import numpy as np
-import torch
-from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, SCENES, THREADS, test_scenes
+from benchmarks.accuracy import NETD_K, SCENES, test_scenes
 from benchmarks.rows import write_csv
+from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from texnet.metrics import evaluate
@@ -39,9 +37,7 @@ def main():
     parser.add_argument("--scenes", type=int, default=SCENES)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    numba.set_num_threads(THREADS)
-    torch.set_num_threads(THREADS)
-    threadpool_limits(THREADS)
+    on_two_threads()
     library, run, rows = MaterialLibrary.starter(), Runtime(ONNX, THREADS).run, []
     for name, traced in test_scenes(args.scenes):
         cube, truth = traced.shade(library, *equidistant_bands(args.bands), NETD_K)

@@ -31,15 +31,12 @@ import time
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numba
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
-from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, THREADS, K, test_scenes
+from benchmarks.accuracy import NETD_K, K, test_scenes
 from benchmarks.colours import BLACK, BLUE, GREEN, ORANGE, SKY_BLUE, VERMILLION
 from benchmarks.peers import brightness, isstes, nem
 from benchmarks.peers.band_planck import BandPlanck
@@ -47,6 +44,7 @@ from benchmarks.peers.naming import light, nearest
 from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
+from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
 from physics.errors import InputError
 from physics.estimate import estimate_environment
@@ -178,25 +176,23 @@ def measure(out, networks=(), progress=None):
     """
     methods, made = all_methods(networks), settings(*networks)
     out.mkdir(parents=True, exist_ok=True)
-    numba.set_num_threads(THREADS)
-    torch.set_num_threads(THREADS)
+    on_two_threads()
     wanted = {(str(b), m) for b in BANDS for m in methods}
     rows = whole_scenes(read_csv(out / "chart.csv", made), wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
     total, count = SCENES * len(wanted), len(rows)
-    with threadpool_limits(THREADS):
-        for name, traced in test_scenes(SCENES, done):
-            of_scene = []
-            for bands in BANDS:
-                scene = Scene(traced, bands)
-                for method, run in methods.items():
-                    if progress:
-                        progress(count + len(of_scene), total, "chart")
-                    row = {"scene": name, "bands": bands, "method": method}
-                    of_scene.append(row | _scores(run, scene))
-            rows += of_scene
-            count += len(of_scene)
-            write_csv(out / "chart.csv", rows, made)
+    for name, traced in test_scenes(SCENES, done):
+        of_scene = []
+        for bands in BANDS:
+            scene = Scene(traced, bands)
+            for method, run in methods.items():
+                if progress:
+                    progress(count + len(of_scene), total, "chart")
+                row = {"scene": name, "bands": bands, "method": method}
+                of_scene.append(row | _scores(run, scene))
+        rows += of_scene
+        count += len(of_scene)
+        write_csv(out / "chart.csv", rows, made)
     rows = [r | {"bands": int(r["bands"])} | {n: float(r[n]) for n in SHOWN} for r in rows]
     summary = medians(rows)
     front = {b: {m: pareto_methods(summary, b, m) for m in ERRORS} for b in BANDS}

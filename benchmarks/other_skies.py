@@ -14,14 +14,12 @@ import argparse
 import csv
 from pathlib import Path
 
-import numba
 import numpy as np
-import torch
-from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import ERRORS, NETD_K, SCENES, THREADS, measure, test_scenes
+from benchmarks.accuracy import ERRORS, NETD_K, SCENES, measure, test_scenes
 from benchmarks.rows import write_csv
+from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
 from physics.planck import planck
@@ -71,9 +69,7 @@ def main():
     parser.add_argument("--scenes", type=int, default=SCENES)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    numba.set_num_threads(THREADS)
-    torch.set_num_threads(THREADS)
-    threadpool_limits(THREADS)
+    on_two_threads()
     models, library, rows = {"net+sgd": Runtime(ONNX, THREADS).run}, MaterialLibrary.starter(), []
     for name, traced in test_scenes(args.scenes):
         if traced.atmosphere is None:

@@ -39,7 +39,6 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import numba
 import numpy as np
 import torch
 from matplotlib.figure import Figure
@@ -47,9 +46,10 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, THREADS
+from benchmarks.accuracy import NETD_K
 from benchmarks.peers.scipy_fit import cost, fit, pure_hypotheses
 from benchmarks.rows import write_csv
+from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
@@ -455,9 +455,7 @@ def measure(out, large=False):
     """
     run = Runtime(ONNX, THREADS).run
     out.mkdir(parents=True, exist_ok=True)
-    numba.set_num_threads(THREADS)
-    torch.set_num_threads(THREADS)
-    threadpool_limits(THREADS)
+    on_two_threads()
     library = MaterialLibrary.starter()
     traced = trace_scene(preset("forest", 7), tuple(n // PIECE for n in FRAME), 16, 7, library)
     cube = frame(traced, library)

@@ -134,6 +134,7 @@ def toy(monkeypatch):
     monkeypatch.setattr(chart, "STEPS", {"net+sgd, 2 steps": 2})
     monkeypatch.setattr(chart, "SCIPY_PIXELS", 1)
     monkeypatch.setattr(chart, "THREADS", 1)
+    monkeypatch.setattr(chart, "on_two_threads", lambda: None)
     monkeypatch.setattr(accuracy, "SIZE", (24, 32))
     monkeypatch.setattr(accuracy, "SPP", 4)
     # named as if they were texnet's, which take longer
