@@ -151,9 +151,10 @@ def test_a_block_traced_on_demand_is_the_same_each_time(tmp_path):
     white = library(soil=(0.95, 0.9), paint=(0.75, 0.85))
     white = dataclasses.replace(white, albedo_rgb=np.full((3, 3), 0.9))
     on_demand = trace_on_demand(scene(), SIZE, SPP, 7, white)
-    one, other = on_demand.blocks[0], on_demand.blocks[0]
-    for f in dataclasses.fields(one):
-        np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name))
+    one, *others = (on_demand.blocks[i] for i in (0, 0, -1))  # of one
+    for other in others:
+        for f in dataclasses.fields(one):
+            np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name))
     assert (one.end < one.start[1:]).any()
     on_demand.save(tmp_path / "paths.npz")
     kept = trace_scene(scene(), SIZE, SPP, 7, white)

@@ -285,6 +285,7 @@ class _BlocksOnDemand(Sequence):
         return len(self._spans)
 
     def __getitem__(self, block):
+        block = range(len(self))[block]  # counted from the end, too
         rng = _generator(self._seed, OF_NOISE + 1 + block)
         return self._tracer.paths(
             self._size, self._spans[block], self._spp, self._q, self._q_day, rng
