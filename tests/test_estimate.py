@@ -246,24 +246,51 @@ def test_what_mirrors_the_sky_below_is_no_sky():
     assert e.sky == () and e.sky_mean is None
 
 
+def plain(shape, material, kelvin, **more):
+    return dict(mesh=shape, material=material, temperature_k=kelvin, **more)
+
+
+def seen_across(folder, ground, *objects, bands=20):
+    """Cube and truth of a flat ground under the sky, with a rock and other objects on it."""
+    flat = plain({"shape": "plane", "size": [1e4, 1e4]}, ground, 287)
+    rock = plain({"shape": "box", "size": [2, 2, 2]}, "granite", 290, translate=[-3, 0, 1])
+    camera = dict(position=[0, -20, 3], target=[0, 0, 1], fov_deg=30)
+    scene = {"camera": camera, "atmosphere": {}, "objects": [flat, rock, *objects]}
+    file = folder / "scene.json"
+    file.write_text(json.dumps(scene))
+    w, fwhm = equidistant_bands(bands)
+    return simulate(load_scene(file), wavelength_um=w, fwhm_um=fwhm, size=(48, 64), spp=16)
+
+
 @pytest.mark.parametrize("mirror", [0, 0.5, 1])
 def test_a_clearer_sky_that_metal_mirrors_is_not_in_view(tmp_path, mirror):
     """Though it lies in the upper half of the picture."""
-    plain = lambda shape, material, kelvin, **more: dict(
-        mesh=shape, material=material, temperature_k=kelvin, **more
-    )
-    ground = plain({"shape": "plane", "size": [1e4, 1e4]}, "soil", 287)
-    rock = plain({"shape": "box", "size": [2, 2, 2]}, "granite", 290, translate=[-3, 0, 1])
     ball = plain({"shape": "sphere", "radius": 1}, "aluminium", 290, translate=[3, 0, 1])
-    w, fwhm = equidistant_bands(20)
     skies = []
-    for objects in ([ground, rock], [ground, rock, ball | {"mirror": mirror}]):
-        camera = dict(position=[0, -20, 3], target=[0, 0, 1], fov_deg=30)
-        file = tmp_path / "scene.json"
-        file.write_text(json.dumps({"camera": camera, "atmosphere": {}, "objects": objects}))
-        cube, _ = simulate(load_scene(file), wavelength_um=w, fwhm_um=fwhm, size=(48, 64), spp=16)
-        skies.append(brightness_temperature(w, estimate_environment(cube, LIBRARY, 5).radiance[:3]))
+    for ball_or_none in ([], [ball | {"mirror": mirror}]):
+        cube, _ = seen_across(tmp_path, "soil", *ball_or_none)
+        sky = estimate_environment(cube, LIBRARY, 5).radiance[:3]
+        skies.append(brightness_temperature(cube.wavelength_um, sky))
     np.testing.assert_allclose(*skies, atol=0.3)
+
+
+@pytest.mark.parametrize("metal", METALS)
+@pytest.mark.parametrize("bands", [4, 9, 54])
+def test_metal_that_fills_the_ground_is_no_sky(tmp_path, metal, bands):
+    """What is below the horizon, and yet clearer than the sky above it, mirrors the sky overhead;
+    the sky itself is found as over soil."""
+    lawn = plain({"shape": "box", "size": [99, 8, 0.1]}, "grass", 287, translate=[0, -13, 0.05])
+    skies, found_above = [], []
+    for ground in ("soil", metal):
+        cube, truth = seen_across(tmp_path, ground, lawn, bands=bands)
+        found = Sample(cube, LIBRARY)
+        below = found.row > (names_of(truth) == "sky").any(axis=1).mean()
+        assert found.sky[below].mean() < 0.02
+        found_above.append(found.sky[~below].mean())
+        sky = found.environment(5).radiance[0]
+        skies.append(brightness_temperature(cube.wavelength_um, sky))
+    assert found_above[1] > 0.8 * found_above[0] > 0.4
+    np.testing.assert_allclose(*skies, atol=5)
 
 
 @pytest.mark.parametrize("air_k, water_cm", [(265.0, 0.35), (283.0, 1.0)])
