@@ -11,9 +11,12 @@ from traced import names_of, one_thread, right, said, scene_of, traced  # noqa: 
 
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.air import Air
+from physics.bands import equidistant_bands
 from physics.environment import Environment
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
+from physics.simulator import simulate
+from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
 from texnet.camera.calibration import _Scene
@@ -185,6 +188,26 @@ def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     assert (off(d) < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
 
 
+@pytest.mark.parametrize(
+    ("seed", "metres", "method"),
+    [(5_000_003, 1000, "local"), (5_000_003, 1000, "net+sgd"), (5_000_002, 300, "local")],
+)
+def test_air_that_absorbs_otherwise_is_air_all_the_same(seed, metres, method):
+    """By turns a third more and less along the wavelengths: no distance explains the pixels, which
+    fit mirrors and wrong curves without air as well, T off by 7 to 13 K."""
+    scene, (w, fwhm) = preset("random", seed), equidistant_bands(54)
+    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=16, seed=1)
+    kelvin, ground = scene.atmosphere.air_temperature_k, names_of(truth) != "sky"
+    usual = level_transmittance(w, metres, usual_atmosphere(kelvin, 0.6))
+    t = usual ** (1 + 0.3 * np.sin(2 * np.pi * (w - 8) / 3))
+    air = Air(metres, kelvin, tuple(t), tuple((1 - t) * planck(w, kelvin)))
+    d = decompose(through(cube, air, ground), method=method)
+    assert metres / 2 < d.air_m < 2 * metres and d.air_k == pytest.approx(kelvin, abs=2)
+    assert d.air_error > 0 and d.curve_error == 0
+    off = np.abs(d.temperature_k - truth.temperature_k)[ground]
+    assert off.mean() < 3 and (off < 2 * d.temperature_sigma_k[ground]).mean() > 0.8
+
+
 def test_the_air_is_as_warm_as_the_scene_where_no_band_is_opaque():
     cube, truth = traced("street", 54)
     held = cube.wavelength_um < 12.5
@@ -264,6 +287,24 @@ def test_pixels_are_corrected_by_the_air_before_them():
         np.testing.assert_allclose(
             t(near.radiance[..., column]), t(by_itself), atol=0.05 * (t(by_itself).max() - 250)
         )
+
+
+@given(st.floats(10, 1000), st.floats(260, 300), st.floats(-5, 5))
+@settings(max_examples=20)
+def test_bands_are_as_noisy_as_air_that_absorbs_otherwise_moves_them(metres, kelvin, warmer):
+    air, share = Air.of(metres, kelvin, W, FWHM), 1e-3
+    t, glow = np.array(air.transmittance), planck(W, kelvin)
+    air = air._replace(path_radiance=tuple((1 - t) * glow))
+    warm = HeatCube(np.broadcast_to(planck(W, kelvin + warmer)[:, None, None], (13, 4, 4)), W)
+    seen = replace(through(warm, air), netd_k=0.02)
+    bare, off = (corrected(seen, Calibration(air=air, air_error=e)) for e in (0.0, share))
+    more = np.sqrt(off.sigma**2 - bare.sigma**2)
+    s = seen.radiance[:, 0, 0].astype(float)
+    moved = (s - (1 - t ** (1 + share)) * glow) / t ** (1 + share) - (s - (1 - t) * glow) / t
+    # one temperature for all bands: a tenth is the curvature of Planck's law
+    clear = np.abs(moved) > 1e-3 * noise_sigma(W, 0.02)
+    np.testing.assert_allclose(more[clear], np.abs(moved)[clear], rtol=0.1)
+    np.testing.assert_array_equal(off.radiance, bare.radiance)
 
 
 def test_of_many_distances_the_noise_is_that_of_a_far_one():

@@ -137,7 +137,7 @@ def _of_answer(d, cube):
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
         "band_gains": d.band_gains, "offset_k": d.offset_k, "air_m": d.air_m, "air_k": d.air_k,
-        "curve_error": d.curve_error,
+        "air_error": d.air_error, "curve_error": d.curve_error,
         "calibration_error_k": d.calibration_error_k, "suspected_error_k": d.suspected_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "temperature_sigma_k": sigma_k,
@@ -289,9 +289,12 @@ def _corrections(r):
             f"out: T may be off by {error:.2g} K, which sigma holds"
         )
     if metres := r["air_m"]:
+        absorbs = f"; it seems to absorb up to {r['air_error']:.0%} more or less than usual air"
         yield (
             f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
             "and as much as distance_m says before each pixel: all results are corrected for it"
+            + absorbs
+            * (r["air_error"] > 0)
         )
 
 

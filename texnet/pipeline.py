@@ -78,6 +78,8 @@ class Decomposition:
                           being so many K at 300 K,
     air_m, air_k          without so many metres of air between, of so many K; 0 and NaN where there
                           is too little to tell
+    air_error             share by which its optical depth is taken to be off in each band, where it
+                          is air but does not fit; the bands' noise holds it
     distance_m            (height, width) m of that air before each pixel; None where there is too
                           little to tell
     calibration_error_k   as it was stated, K at 300 K
@@ -127,6 +129,7 @@ class Decomposition:
     offset_k: float = 0.0
     air_m: float = 0.0
     air_k: float = math.nan
+    air_error: float = 0.0
     distance_m: np.ndarray | None = None
     calibration_error_k: float = 0.0
     curve_error: float = 0.0
@@ -253,7 +256,7 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
         saturated=of.saturated, dead=ready.cube.dead, hot=is_hot,
         gain=found.gain, band_gains=found.of_bands(of.cube.bands), offset_k=found.offset_k,
         air_m=air.metres if air else 0.0, air_k=air.temperature_k if air else math.nan,
-        distance_m=of.distance_m,
+        air_error=found.air_error, distance_m=of.distance_m,
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
         sky_assumed=of.sky_assumed,
         wavelength_um=ready.stated_um,

@@ -5,9 +5,11 @@ all else waits until they are right. A gain or an offset is taken if with it the
 the air before the camera (`air_between`), which is if they fit, each behind as much of it as is
 likeliest, or if most of what does not is gone, as air absorbs otherwise than ours. It must make the
 pixels likelier also at the noise that it takes without: at the noise that is stated bands that are
-off pass for hot air, behind which mirrors fit nearly everything. What is suspected, likelier than
-none but not taken, or likelier but does not fit, puts T into doubt by as much as T would be another
-with it (`moved_k`), unless what was taken is likelier by SUSPECT nats.
+off pass for hot air, behind which mirrors fit nearly everything. If it does so by AIR_WORTH, and is
+as warm as the sky's opaque bands say, it is air, whatever it leaves: that is laid to its absorption
+first (`_absorbing_otherwise`), not to curves, for which mirrors make up best. What is suspected,
+likelier than none but not taken, or likelier but does not fit, puts T into doubt by as much as T
+would be another with it (`moved_k`), unless what was taken is likelier by SUSPECT nats.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -73,6 +75,10 @@ RISE = 0.1  # more than that, and it is not right
 # used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
+# nats per pixel at the noise that it takes without, and K from what shows how warm it is: on scenes
+# used for tuning 0.19 and more and 1.6 K at most behind air; elsewhere, where it was as near, none
+AIR_WORTH, AIR_NEAR_K = 0.1, 2.5
+AIR_ERRORS = 0.05, 0.1, 0.2, 0.4  # of its optical depth
 # times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
 # to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
 CURVES_LEAVE = 1.1
@@ -142,6 +148,8 @@ def _that_fits(scene, nats_of, camera, sky):
         if not left:  # of the ground too little would be left
             continue
         share = (left - 1) / max(all_left - 1, 1e-9)
+        if left > just + RISE and likelier.air and _is_air(nats_of, likelier, scene, noise):
+            return _Fit(*_absorbing_otherwise(scene, likelier, left, noise), tuple(unfit), noise)
         if left <= just + RISE or likelier.air and share < AIR_LEAVES:
             return _Fit(likelier, left, tuple(unfit), noise)
         if not likelier.air or share < AIR_MAY_LEAVE:
@@ -156,7 +164,8 @@ def _suspected_k(scene, nats_of, found, suspected, noise):
         left = lambda c: scene.left(c, scene.distances(c, noise))
         suspected = [c for c in suspected if left(c) <= _just(scene.part) + RISE]
     else:
-        loss = losses(nats_of.each([found, *suspected]))
+        # noise that is raised band by band makes anything likelier
+        loss = losses(nats_of.each([found._replace(air_error=0.0), *suspected]))
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
     if not suspected:
         return 0.0
@@ -184,6 +193,34 @@ def _likelier_without_air(nats_of, c, noise):
     clear = through._replace(air=None)
     loss = losses(nats_of.each([through, clear]))
     return loss[clear] < loss[through]
+
+
+def _is_air(nats_of, c, scene, noise):
+    """Whether the Air of a Calibration is likelier by AIR_WORTH than none at so much noise, and as
+    warm as what shows how warm it is."""
+    clear = c._replace(air=None)
+    about_k = _about_air_k(
+        corrected(scene.part, clear), corrected_environment(scene.environment, clear)
+    )
+    through, clear = (of._replace(noise=noise) for of in (c, clear))
+    loss = losses(nats_of.each([through, clear]))
+    near = abs(c.air.temperature_k - about_k) <= AIR_NEAR_K
+    return near and loss[clear] - loss[through] >= AIR_WORTH
+
+
+def _absorbing_otherwise(scene, c, left, noise):
+    """A Calibration, by which so much is left of the pixels of a _Scene, with the least of
+    AIR_ERRORS by which they fit; if they do by none, with what leaves least; and what that leaves.
+    Distances are likeliest at a noise."""
+    least = c, left
+    for error in AIR_ERRORS:
+        off = c._replace(air_error=error)
+        left = scene.left(off, scene.distances(off, noise))
+        if 0 < left < least[1]:
+            least = off, left
+        if least[1] <= _just(scene.part) + RISE:
+            break
+    return least
 
 
 def _about_air_k(part, environment):
