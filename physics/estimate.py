@@ -71,7 +71,7 @@ MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is
 # clusters of which one is colder the colder lies below in 0.67 of all pairs at most if it is sky,
 # and in 0.75 and more if it is metal. The one above is to be at least LEAST_ABOVE of the pixels,
 # and of these so many are to lie amid what is like sky: leaves before the sky fill its windows
-COLDER_K, MOSTLY_BELOW, LEAST_ABOVE, LEAST_AMID = 2.0, 0.7, 0.01, 0.5
+COLDER_K, MOSTLY_BELOW, LEAST_ABOVE, LEAST_AMID = 2.0, 0.7, 0.01, 0.7
 # the sky's objects, 0 being the clearest sky in view and 1 the zenith, by the logarithm of the air
 # mass; for k = 1, 2, 3 or 4, 5 and more. Found on fifteen scenes of no split, with 9 and 54 bands
 SKY_OBJECTS = ((), (0.7,), (0.85, 0.2), (0.85, 0.2), (1.0, 0.4, 0.0))
