@@ -6,10 +6,11 @@ the air before the camera (`air_between`), which is if they fit, each behind as 
 likeliest, or if most of what does not is gone, as air absorbs otherwise than ours. It must make the
 pixels likelier also at the noise that it takes without: at the noise that is stated bands that are
 off pass for hot air, behind which mirrors fit nearly everything. If it does so by AIR_WORTH, and is
-as warm as the sky's opaque bands say, it is air, whatever it leaves: that is laid to its absorption
-first (`_absorbing_otherwise`), not to curves, for which mirrors make up best. What is suspected,
-likelier than none but not taken, or likelier but does not fit, puts T into doubt by as much as T
-would be another with it (`moved_k`), unless what was taken is likelier by SUSPECT nats.
+as warm as the sky's opaque bands say, what it leaves is laid to its absorption first
+(`_absorbing_otherwise`), and to curves, for which mirrors make up best, only if much is left then.
+What is suspected, likelier than none but not taken, or likelier but does not fit, puts T into doubt
+by as much as T would be another with it (`moved_k`), unless what was taken is likelier by SUSPECT
+nats.
 
 What nothing in the library fits at the noise that is stated shows less than one would think: wrong
 materials make up for wrong curves and bands, mirrors above all. At more noise they have less
@@ -75,9 +76,10 @@ RISE = 0.1  # more than that, and it is not right
 # used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
-# nats per pixel at the noise that it takes without, and K from what shows how warm it is: on scenes
-# used for tuning 0.19 and more and 1.6 K at most behind air; elsewhere, where it was as near, none
-AIR_WORTH, AIR_NEAR_K = 0.1, 2.5
+# of what is air: nats per pixel at the noise that it takes without; K from what shows how warm it is;
+# noise units that it leaves at most. On scenes used for tuning 0.19 and more, 1.6 and 1.8 at most.
+# Elsewhere, where it was as near, no nats, but with bands off by 3 %, of which it left 3.6 and more
+AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
 AIR_ERRORS = 0.05, 0.1, 0.2, 0.4  # of its optical depth
 # times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
 # to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
@@ -147,10 +149,12 @@ def _that_fits(scene, nats_of, camera, sky):
         left = scene.left(likelier, scene.distances(likelier, noise))
         if not left:  # of the ground too little would be left
             continue
+        is_air = likelier.air and left > just + RISE and _is_air(nats_of, likelier, scene, noise)
+        if is_air:
+            likelier, left = _absorbing_otherwise(scene, likelier, left, noise)
         share = (left - 1) / max(all_left - 1, 1e-9)
-        if left > just + RISE and likelier.air and _is_air(nats_of, likelier, scene, noise):
-            return _Fit(*_absorbing_otherwise(scene, likelier, left, noise), tuple(unfit), noise)
-        if left <= just + RISE or likelier.air and share < AIR_LEAVES:
+        most_of_it = share < AIR_LEAVES or is_air and left <= AIR_LEFT
+        if left <= just + RISE or likelier.air and most_of_it:
             return _Fit(likelier, left, tuple(unfit), noise)
         if not likelier.air or share < AIR_MAY_LEAVE:
             unfit.append(likelier)
