@@ -76,9 +76,10 @@ RISE = 0.1  # more than that, and it is not right
 # used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
-# of what is air: nats per pixel at the noise that it takes without; K from what shows how warm it is;
-# noise units that it leaves at most. On scenes used for tuning 0.19 and more, 1.6 and 1.8 at most.
-# Elsewhere, where it was as near, no nats, but with bands off by 3 %, of which it left 3.6 and more
+# of air: nats per pixel at the noise that it takes without, K from what shows how warm it is, and
+# noise units that it leaves at most. On scenes used for tuning 0.19 and more, 1.6 and 1.8 at most
+# (or less than AIR_LEAVES). Elsewhere, where it was as near, no nats, but with bands off by 3 %, of
+# which it left 3.6 and more
 AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
 AIR_ERRORS = 0.05, 0.1, 0.2, 0.4  # of its optical depth
 # times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
