@@ -72,6 +72,7 @@ MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is
 # and in 0.75 and more if it is metal. The one above is to be at least LEAST_ABOVE of the pixels,
 # and of these so many are to lie amid what is like sky: leaves before the sky fill its windows
 COLDER_K, MOSTLY_BELOW, LEAST_ABOVE, LEAST_AMID = 2.0, 0.7, 0.01, 0.7
+LEAST_DOWN = 0.4  # of the picture's height: higher up it may be clear sky below a thin cloud
 # the sky's objects, 0 being the clearest sky in view and 1 the zenith, by the logarithm of the air
 # mass; for k = 1, 2, 3 or 4, 5 and more. Found on fifteen scenes of no split, with 9 and 54 bands
 SKY_OBJECTS = ((), (0.7,), (0.85, 0.2), (0.85, 0.2), (1.0, 0.4, 0.0))
@@ -285,6 +286,7 @@ def _sky_clusters(cube, library, spectra, pick, row, seed):
 def _mirrors(like, fit, cube, pick, row):
     """(clusters,) which of the clusters that are like sky are colder, in a band, than sky above."""
     rows = [np.sort(row[fit.labels_ == c]) for c in range(len(like))]
+    low = like & (np.array([r.mean() for r in rows]) > LEAST_DOWN)
     kelvin = fit.cluster_centers_ * cube.sigma / planck_derivative(cube.wavelength_um, 300.0)
     mirrors = np.zeros_like(like)
     for above in np.flatnonzero(like):
@@ -292,7 +294,7 @@ def _mirrors(like, fit, cube, pick, row):
             continue
         below = [np.searchsorted(rows[above], r).mean() / len(rows[above]) for r in rows]
         colder = (kelvin[above] - kelvin).max(axis=1) > COLDER_K
-        these = like & colder & (np.array(below) > MOSTLY_BELOW)
+        these = low & colder & (np.array(below) > MOSTLY_BELOW)
         if these.any() and _amid(like, fit, cube, pick[fit.labels_ == above]).mean() > LEAST_AMID:
             mirrors |= these
     return mirrors

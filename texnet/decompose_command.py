@@ -289,7 +289,9 @@ def _corrections(r):
             f"out: T may be off by {error:.2g} K, which sigma holds"
         )
     if metres := r["air_m"]:
-        absorbs = f"; it seems to absorb up to {r['air_error']:.0%} more or less than usual air"
+        absorbs = ""
+        if error := r["air_error"]:
+            absorbs = f"; it absorbs some {error:.0%} otherwise than usual air"
         yield (
             f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
             "and as much as distance_m says before each pixel: all results are corrected for it"

@@ -52,7 +52,8 @@ from physics.errors import Implausible
 from physics.estimate import OPAQUE_UM
 from physics.library import MaterialLibrary
 from physics.machinery import scratch
-from physics.planck import brightness_temperature
+from physics.planck import brightness_temperature, planck, planck_derivative
+from physics.prior import like_sky
 
 from ..glance import LEAST_MATERIALS
 from ..methods import Look
@@ -81,7 +82,7 @@ AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 # (or less than AIR_LEAVES). Elsewhere, where it was as near, no nats, but with bands off by 3 %, of
 # which it left 3.6 and more
 AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
-AIR_ERRORS = 0.05, 0.1, 0.2, 0.4  # of its optical depth
+AIR_ERRORS = 0.05, 0.1, 0.2, 0.4, 0.8  # of its optical depth
 # times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
 # to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
 CURVES_LEAVE = 1.1
@@ -142,6 +143,7 @@ def _that_fits(scene, nats_of, camera, sky):
     """The _Fit of a _Scene, given its one error."""
     just, all_left = _just(scene.part), scene.left(RIGHT)
     noise = _with_noise(RIGHT, all_left, scene.part).noise
+    share_of = lambda left: (left - 1) / max(all_left - 1, 1e-9)
     tried, unfit = {RIGHT}, []
     for likelier in _likelier(nats_of, camera, scene.part, scene.environment, sky):
         if likelier in tried or _likelier_without_air(nats_of, likelier, noise):
@@ -150,14 +152,15 @@ def _that_fits(scene, nats_of, camera, sky):
         left = scene.left(likelier, scene.distances(likelier, noise))
         if not left:  # of the ground too little would be left
             continue
-        is_air = likelier.air and left > just + RISE and _is_air(nats_of, likelier, scene, noise)
-        if is_air:
-            likelier, left = _absorbing_otherwise(scene, likelier, left, noise)
-        share = (left - 1) / max(all_left - 1, 1e-9)
-        most_of_it = share < AIR_LEAVES or is_air and left <= AIR_LEFT
-        if left <= just + RISE or likelier.air and most_of_it:
+        if left <= just + RISE:
             return _Fit(likelier, left, tuple(unfit), noise)
-        if not likelier.air or share < AIR_MAY_LEAVE:
+        if likelier.air and _is_air(nats_of, likelier, scene, noise):
+            off, less = _absorbing_otherwise(scene, likelier, left, noise)
+            if less <= AIR_LEFT or share_of(less) < AIR_LEAVES:
+                return _Fit(off, less, tuple(unfit), noise)
+        elif likelier.air and share_of(left) < AIR_LEAVES:
+            return _Fit(likelier, left, tuple(unfit), noise)
+        if not likelier.air or share_of(left) < AIR_MAY_LEAVE:
             unfit.append(likelier)
     return _Fit(RIGHT, all_left, tuple(unfit), noise)
 
@@ -216,10 +219,12 @@ def _is_air(nats_of, c, scene, noise):
 def _absorbing_otherwise(scene, c, left, noise):
     """A Calibration, by which so much is left of the pixels of a _Scene, with the least of
     AIR_ERRORS by which they fit; if they do by none, with what leaves least; and what that leaves.
-    Distances are likeliest at a noise."""
-    least = c, left
+    Distances are likeliest at a noise. What is left is asked at MORE noise, but not at more of the
+    error, so that more of it is taken than just fits: as with noise, because what is wrong in all
+    pixels alike misleads more."""
+    least, of = (c, left), c._replace(contrast_k=scene.contrast_k(c, noise))
     for error in AIR_ERRORS:
-        off = c._replace(air_error=error)
+        off = of._replace(air_error=error)
         left = scene.left(off, scene.distances(off, noise))
         if 0 < left < least[1]:
             least = off, left
@@ -395,6 +400,20 @@ class _Scene(NamedTuple):
         octaves = likeliest_octaves(c._replace(noise=noise), self.nats_of(), self.part)
         metres = c.air.metres * 2**octaves
         return Distances(metres, far(metres, self.part, self.environment))
+
+    def contrast_k(self, c, noise):
+        """K by which half of the ground differs from the Air of a Calibration, in the band that it
+        lets most through, at the distances that are likeliest at a noise; 0 where all is sky."""
+        ground = ~like_sky(self.part.spectra, self.environment, self.part.sigma)
+        if not ground.any():
+            return 0.0
+        b, w, air_k = (
+            int(np.argmax(c.air.transmittance)),
+            self.part.wavelength_um,
+            c.air.temperature_k,
+        )
+        s = corrected(self.part, c, self.distances(c, noise)).radiance[b].ravel()[ground]
+        return float(np.median(np.abs(s - planck(w[b], air_k))) / planck_derivative(w[b], air_k))
 
     def left(self, c, distances=None):
         """`quartile` of what is corrected by a Calibration, at Distances, in noise units as

@@ -14,7 +14,7 @@ import numpy as np
 from physics.air import Air
 from physics.cube.heat_cube import MAX_NETD_K
 from physics.machinery import scratch
-from physics.planck import noise_sigma, planck, planck_derivative
+from physics.planck import noise_sigma, planck_derivative
 
 DARKEST = 0.05  # what is left of a radiance, at least
 STEP = 0.1  # of ln metres, where each pixel has a distance of its own
@@ -32,7 +32,8 @@ class Calibration(NamedTuple):
     curves   error of the library's emissivity that is allowed for
     bands    their gains among each other; () if they agree
     air      Air between scene and camera; None if there is too little to tell
-    air_error  share by which its optical depth may be another in each band
+    air_error  one standard deviation of its optical depth, as a share of that, in each band
+    contrast_k  K by which half of the ground behind it differs from it; of air_error alone
     """
 
     gain: float = 1.0
@@ -46,6 +47,7 @@ class Calibration(NamedTuple):
     bands: tuple[float, ...] = ()
     air: Air | None = None
     air_error: float = 0.0
+    contrast_k: float = 0.0
 
     @property
     def keeps_cube(self):
@@ -79,7 +81,7 @@ def corrected(cube, c, distances=None):
     Its noise is one for all pixels, but not for all bands: of one that lets a tenth through it is
     ten times as much. Of several distances it is that of a far one, whose opaque bands would
     mislead, while those of a near one say little anyway. Of air that may absorb otherwise they are
-    noisier by as much as that moves half of what is seen in the clearest of them."""
+    noisier by as much as that moves half of the ground."""
     if c.shift_um:
         cube = cube.moved(c.shift_um)
     w = cube.wavelength_um
@@ -102,22 +104,20 @@ def corrected(cube, c, distances=None):
         scratch.release(radiance)
     radiance.setflags(write=False)
     relative_noise = cube.relative_noise * mean / gains
-    if far.air_error:
-        off = _absorbed_otherwise(radiance, far, w) / noise_sigma(w, netd_k)
-        relative_noise = np.hypot(relative_noise, off)
+    if far.air and far.air_error:
+        more = _absorption_noise(far, w) / noise_sigma(w, netd_k)
+        relative_noise = np.hypot(relative_noise, more)
     return replace(
         cube, radiance=radiance, netd_k=netd_k, relative_noise=relative_noise, quiet=quiet
     )
 
 
-def _absorbed_otherwise(radiance, c, wavelength_um):
-    """(bands,) by how much S of half of the pixels is another if a Calibration's air_error is that
-    of the optical depth: S = (S' - (1 - t) B) / t changes by (S - B) dt / t."""
-    t, slope = np.array(c.air.transmittance), planck_derivative(wavelength_um, c.air.temperature_k)
-    b = t.argmax()
-    glow = planck(wavelength_um[b], c.air.temperature_k)
-    kelvin = np.median(np.abs(radiance[b] - glow)) / slope[b]
-    return c.air_error * -np.log(t) * slope * kelvin
+def _absorption_noise(c, wavelength_um):
+    """(bands,) by how much S of what differs by a Calibration's contrast_k from its air is another
+    where the optical depth is off by air_error: S = (S' - (1 - t) B) / t changes by (S - B) dt / t.
+    """
+    slope = planck_derivative(wavelength_um, c.air.temperature_k)
+    return c.air_error * -np.log(c.air.transmittance) * slope * c.contrast_k
 
 
 def _by_distance(metres, c, wavelength_um, fwhm_um):
