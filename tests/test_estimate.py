@@ -293,6 +293,29 @@ def test_metal_that_fills_the_ground_is_no_sky(tmp_path, metal, bands):
     np.testing.assert_allclose(*skies, atol=5)
 
 
+@pytest.mark.parametrize("bands", [9, 54])
+def test_clear_sky_below_a_thin_cloud_is_sky(bands):
+    """Though colder than what is above it; the sky overhead is what it is without the cloud."""
+    (w, fwhm), rng, rows, wide = equidistant_bands(bands), np.random.default_rng(0), 60, 40
+    half = rows * wide // 2
+    height = np.repeat(np.sin(np.radians(np.linspace(25, 1, rows // 2))), wide)
+    warm, grey = rng.normal(284, 2, (half, 1)), np.linspace(0.9, 1, half)
+    s = np.empty((2 * half, bands))
+    for band, fine in enumerate(quadrature(w, fwhm)):
+        s[:half, band] = sky_radiance(fine, height, Atmosphere(283.0, 1.0)).mean(axis=1)
+        s[half:, band] = grey * planck(fine, warm).mean(axis=1)
+    noise, overhead = noise_sigma(w, 0.05) * rng.normal(size=s.shape), []
+    for cover in (0.0, 0.3):
+        shown, cloud = s.copy(), np.s_[: 8 * wide]
+        shown[cloud] = (1 - cover) * s[cloud] + cover * planck(w, 270.0)
+        found = Sample(
+            HeatCube((shown + noise).T.reshape(bands, rows, wide), w, fwhm, 0.05), LIBRARY
+        )
+        assert found.sky[found.row < 0.5].mean() > 0.85 and not found.sky[found.row > 0.5].any()
+        overhead.append(brightness_temperature(w, found.environment(5).radiance[0]))
+    np.testing.assert_allclose(*overhead, atol=2)
+
+
 @pytest.mark.parametrize("air_k, water_cm", [(265.0, 0.35), (283.0, 1.0)])
 def test_leaves_before_the_sky_do_not_change_the_sky_overhead(air_k, water_cm):
     """Pixels of sky that are partly something else lie beside what is no sky at all."""
