@@ -78,8 +78,8 @@ class Decomposition:
                           being so many K at 300 K,
     air_m, air_k          without so many metres of air between, of so many K; 0 and NaN where there
                           is too little to tell
-    air_error             one standard deviation of that air's optical depth, as a share of it, where
-                          it is air but does not fit: bands are so much noisier, beyond netd_k
+    air_error             one standard deviation of its optical depth, as a share of that, where it
+                          is air but does not fit: bands are so much noisier, beyond netd_k
     distance_m            (height, width) m of that air before each pixel; None where there is too
                           little to tell
     calibration_error_k   as it was stated, K at 300 K
