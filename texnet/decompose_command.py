@@ -295,8 +295,7 @@ def _corrections(r):
         yield (
             f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
             "and as much as distance_m says before each pixel: all results are corrected for it"
-            + absorbs
-            * (r["air_error"] > 0)
+            f"{absorbs}"
         )
 
 

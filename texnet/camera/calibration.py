@@ -407,13 +407,10 @@ class _Scene(NamedTuple):
         ground = ~like_sky(self.part.spectra, self.environment, self.part.sigma)
         if not ground.any():
             return 0.0
-        b, w, air_k = (
-            int(np.argmax(c.air.transmittance)),
-            self.part.wavelength_um,
-            c.air.temperature_k,
-        )
-        s = corrected(self.part, c, self.distances(c, noise)).radiance[b].ravel()[ground]
-        return float(np.median(np.abs(s - planck(w[b], air_k))) / planck_derivative(w[b], air_k))
+        band, air_k = int(np.argmax(c.air.transmittance)), c.air.temperature_k
+        w = self.part.wavelength_um[band]
+        s = corrected(self.part, c, self.distances(c, noise)).radiance[band].ravel()[ground]
+        return float(np.median(np.abs(s - planck(w, air_k))) / planck_derivative(w, air_k))
 
     def left(self, c, distances=None):
         """`quartile` of what is corrected by a Calibration, at Distances, in noise units as
