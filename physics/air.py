@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bands import band_means, quadrature
+from .bands import at_nodes, quadrature
 from .planck import planck
 from .sky import level_transmittance, usual_atmosphere
 
@@ -22,18 +22,22 @@ OPAQUE = 0.005  # transmittance below which nothing is seen through air but its 
 
 class Air(NamedTuple):
     """So many metres of air of temperature_k, K, in front of a camera: per band its transmittance,
-    OPAQUE at least, and its path radiance (1 - t) B(T_air), W m-2 sr-1 um-1."""
+    OPAQUE at least, and its path radiance (1 - t) B(T_air), W m-2 sr-1 um-1; and its optical depth
+    as a multiple of usual air's, () if it is that."""
 
     metres: float
     temperature_k: float
     transmittance: tuple[float, ...]
     path_radiance: tuple[float, ...]
+    absorption: tuple[float, ...] = ()
 
     @staticmethod
-    def of(metres, temperature_k, wavelength_um, fwhm_um):
-        """Air of usual humidity, at bands (bands,) of centres and widths in um."""
+    def of(metres, temperature_k, wavelength_um, fwhm_um, absorption=()):
+        """Air of usual humidity, at bands (bands,) of centres and widths in um, whose optical depth
+        is so many times as much in each, if that is not ()."""
         atmosphere, nodes = usual_atmosphere(temperature_k), quadrature(wavelength_um, fwhm_um)
-        t = lambda w: np.maximum(level_transmittance(w, metres, atmosphere), OPAQUE)
-        path_radiance = band_means(lambda w: (1 - t(w)) * planck(w, temperature_k), nodes)
-        means = (tuple(a.tolist()) for a in (band_means(t, nodes), path_radiance))
-        return Air(float(metres), float(temperature_k), *means)
+        t = at_nodes(lambda w: level_transmittance(w, metres, atmosphere), nodes)
+        t = np.maximum(t ** np.array(absorption)[:, None] if absorption else t, OPAQUE)
+        path_radiance = (1 - t) * at_nodes(lambda w: planck(w, temperature_k), nodes)
+        means = (tuple(a.mean(axis=-1).tolist()) for a in (t, path_radiance))
+        return Air(float(metres), float(temperature_k), *means, tuple(absorption))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from traced import names_of, one_thread, right, said, scene_of, traced  # noqa: F401
 
 from physics import HeatCube, InputError, MaterialLibrary
-from physics.air import Air
+from physics.air import OPAQUE, Air
 from physics.bands import equidistant_bands
 from physics.environment import Environment
 from physics.estimate import estimate_environment
@@ -19,7 +19,7 @@ from physics.simulator import simulate
 from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
-from texnet.camera.calibration import _Scene
+from texnet.camera.calibration import _air_error_k, _Scene
 from texnet.camera.correction import (
     RIGHT,
     Calibration,
@@ -33,6 +33,7 @@ from texnet.camera.nats import Nats
 from texnet.files.cube_io import write_cube
 from texnet.glance import from_afar
 from texnet.learned import shipped_network
+from texnet.methods import Look
 from texnet.pipeline import decompose
 from training.finetune import calibrated
 
@@ -204,14 +205,16 @@ def test_air_that_absorbs_otherwise_is_air_all_the_same(seed, metres, method, tm
     far = through(cube, air, ground)
     d = decompose(far, method=method)
     assert metres / 2 < d.air_m < 2 * metres and d.air_k == pytest.approx(kelvin, abs=2)
-    assert d.air_error > 0 and d.curve_error == 0
+    assert d.air_error and d.curve_error == 0
     off = np.abs(d.temperature_k - truth.temperature_k)[ground]
     assert off.mean() < 3 and (off < 2 * d.temperature_sigma_k[ground]).mean() > 0.8
     if method == "net+sgd":
         write_cube(far, tmp_path / "far.exr")
         text, result, npz = said(capsys, tmp_path / "far.exr", tmp_path / "far")
         assert result["air_error"] == npz["air_error"] == d.air_error
-        assert f"absorbs some {d.air_error:.0%} otherwise than usual air" in text
+        assert result["air_error_k"] == npz["air_error_k"] == pytest.approx(d.air_error_k, rel=1e-3)
+        assert d.air_error_k > 0
+        assert f"may absorb {d.air_error:.0%} otherwise than in usual air, and T be off by" in text
 
 
 def test_the_air_is_as_warm_as_the_scene_where_no_band_is_opaque():
@@ -312,6 +315,48 @@ def test_bands_are_as_noisy_as_air_that_absorbs_otherwise_moves_them(metres, kel
     clear = np.abs(moved) > 1e-3 * noise_sigma(W, 0.02)
     np.testing.assert_allclose(more[clear], np.abs(moved)[clear], rtol=0.1)
     np.testing.assert_array_equal(off.radiance, bare.radiance)
+
+
+@given(st.floats(10, 500), st.floats(270, 300), st.floats(-10, 10), st.floats(0.01, 1))
+@settings(max_examples=20)
+def test_t_is_in_doubt_by_as_much_as_other_air_would_move_it(metres, kelvin, warmer, share):
+    """Of black bodies, whose T one band shows: of what is as warm as the air, by nothing."""
+    air = Air.of(metres, kelvin, W, FWHM * 1e-3)
+    t, glow, band = np.array(air.transmittance), planck(W, kelvin), 4
+    warm = HeatCube(np.broadcast_to(planck(W, kelvin + warmer)[:, None, None], (13, 5, 5)), W)
+
+    def look(environment, cube, seen):
+        maps = {name: np.zeros(cube.shape) for name in ("log_evidence", "material", "residual")}
+        maps["material"] += LIBRARY.sky_index + 1
+        return maps | {"temperature_k": brightness_temperature(W[band], cube.radiance[band])}
+
+    somewhere = Environment(np.stack([planck(W, 200.0), glow]), W, sky=(0,))
+    somewhere = replace(somewhere, sky_mean=planck(W, 200.0))
+    scene = _Scene(
+        replace(through(warm, air), fwhm_um=FWHM * 1e-3, netd_k=0.02),
+        somewhere,
+        LIBRARY,
+        lambda: Look(look),
+    )
+    found = Calibration(air=air, air_error=share, contrast_k=abs(warmer))
+    x = np.arange(13) / 12
+    factors = np.exp(share * np.sqrt(0.5) * np.cos(np.pi * np.outer((1, 2, 3, 4), x)))[:, band]
+    s = glow[band] + (planck(W[band], kelvin + warmer) - glow[band]) * t[band] ** (1 - factors)
+    moved = np.sqrt(np.sum((brightness_temperature(W[band], s) - kelvin - warmer) ** 2))
+    assert _air_error_k(scene, found, 1.0) == pytest.approx(moved, rel=1e-3, abs=1e-3)
+    assert _air_error_k(scene, found._replace(air_error=0.0), 1.0) == 0
+
+
+@given(metres, kelvins, st.lists(st.floats(0.3, 3), min_size=13, max_size=13))
+def test_air_that_absorbs_so_many_times_as_much_is_so_many_times_as_deep(metres, kelvin, times):
+    narrow = np.full(13, 1e-3)
+    usual = Air.of(metres, kelvin, W, narrow)
+    t = np.maximum(np.array(usual.transmittance) ** times, OPAQUE)
+    seen = np.array(usual.transmittance) > OPAQUE
+    other = Air.of(metres, kelvin, W, narrow, tuple(times))
+    np.testing.assert_allclose(np.array(other.transmittance)[seen], t[seen], rtol=1e-6)
+    glow = (1 - np.array(other.transmittance)) * planck(W, kelvin)
+    np.testing.assert_allclose(other.path_radiance, glow, rtol=1e-4)
 
 
 def test_of_many_distances_the_noise_is_that_of_a_far_one():

@@ -137,7 +137,7 @@ def _of_answer(d, cube):
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
         "spectral_shift_um": d.spectral_shift_um, "gain": d.gain,
         "band_gains": d.band_gains, "offset_k": d.offset_k, "air_m": d.air_m, "air_k": d.air_k,
-        "air_error": d.air_error, "curve_error": d.curve_error,
+        "air_error": d.air_error, "air_error_k": d.air_error_k, "curve_error": d.curve_error,
         "calibration_error_k": d.calibration_error_k, "suspected_error_k": d.suspected_error_k,
         "temperature_k": dict(zip(("p2", "median", "p98"), span, strict=True)),
         "temperature_sigma_k": sigma_k,
@@ -289,13 +289,11 @@ def _corrections(r):
             f"out: T may be off by {error:.2g} K, which sigma holds"
         )
     if metres := r["air_m"]:
-        absorbs = ""
-        if error := r["air_error"]:
-            absorbs = f"; it absorbs some {error:.0%} otherwise than usual air"
         yield (
             f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
-            "and as much as distance_m says before each pixel: all results are corrected for it"
-            f"{absorbs}"
+            "and as much as distance_m says before each pixel: all results are corrected for it; "
+            f"any band may absorb {r['air_error']:.0%} otherwise than in usual air, and T be off "
+            f"by {r['air_error_k']:.2g} K for that, which sigma holds"
         )
 
 

@@ -32,9 +32,9 @@ NPZ_KEYS = (
     "temperature_k", "material", "material_names", "emissivity", "thermal_lighting", "environment",
     "texture", "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
     "saturated", "dead", "hot", "wavelength_um", "spectral_shift_um", "gain", "band_gains",
-    "offset_k", "air_m", "air_k", "air_error", "hue_deg", "sky", "sky_assumed", "camera_netd_k",
-    "netd_k", "noise_raised", "curve_error", "calibration_error_k", "suspected_error_k", "left_out",
-    "environment_error_k",
+    "offset_k", "air_m", "air_k", "air_error", "air_error_k", "hue_deg", "sky", "sky_assumed",
+    "camera_netd_k", "netd_k", "noise_raised", "curve_error", "calibration_error_k",
+    "suspected_error_k", "left_out", "environment_error_k",
 )  # fmt: skip
 
 

@@ -78,8 +78,10 @@ class Decomposition:
                           being so many K at 300 K,
     air_m, air_k          without so many metres of air between, of so many K; 0 and NaN where there
                           is too little to tell
-    air_error             one standard deviation of its optical depth, as a share of that, where it
-                          is air but does not fit: bands are so much noisier, beyond netd_k
+    air_error             one standard deviation of its optical depth, as a share of that, more
+                          where usual air does not fit: bands are so much noisier, beyond netd_k
+    air_error_k           K by which T would be another, were that much of it off in many bands
+                          alike; sigma holds it
     distance_m            (height, width) m of that air before each pixel; None where there is too
                           little to tell
     calibration_error_k   as it was stated, K at 300 K
@@ -130,6 +132,7 @@ class Decomposition:
     air_m: float = 0.0
     air_k: float = math.nan
     air_error: float = 0.0
+    air_error_k: float = 0.0
     distance_m: np.ndarray | None = None
     calibration_error_k: float = 0.0
     curve_error: float = 0.0
@@ -256,7 +259,7 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
         saturated=of.saturated, dead=ready.cube.dead, hot=is_hot,
         gain=found.gain, band_gains=found.of_bands(of.cube.bands), offset_k=found.offset_k,
         air_m=air.metres if air else 0.0, air_k=air.temperature_k if air else math.nan,
-        air_error=found.air_error, distance_m=of.distance_m,
+        air_error=found.air_error, air_error_k=found.air_error_k, distance_m=of.distance_m,
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
         sky_assumed=of.sky_assumed,
         wavelength_um=ready.stated_um,
@@ -282,12 +285,12 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     shared_k = float(np.hypot(stated_k, shared_error_k(found, cube)))
     if shared_k:
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k)
-    if found.suspected_k:
-        sigma = np.hypot(sigma, np.float32(found.suspected_k))
+    if another_k := math.hypot(found.suspected_k, found.air_error_k):
+        sigma = np.hypot(sigma, np.float32(another_k))
     invalid = of.ready.cube.dead | of.saturated
     sigma[invalid] += MIN_TEMPERATURE_SPREAD_K  # as if nothing were known
     unknown = maps["unknown"] | invalid
-    if found.noise > 1 or found.curves or cube.bands < FEW_BANDS:
+    if found.noise > 1 or found.curves or found.air_error or cube.bands < FEW_BANDS:
         unknown |= unreliable(maps, found, cube.bands)
     return maps | {"temperature_sigma_k": sigma, "unknown": unknown}
 

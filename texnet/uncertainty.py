@@ -16,7 +16,8 @@ CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
 # is right with 54 bands, but with fewer than FEW_BANDS (3 to 18 were tried) 7 to 53 %
 LIKELY, NET_LIKELY, FEW_BANDS = 0.5, 0.3, 20
 SURE = 0.7  # likewise where what is wrong was called noise, of which probabilities know too little
-CURVES_OFF = 0.01  # or where curves are off by so much; in between where by less
+# or where curves are off by so much, or the optical depth of air; in between where by less
+CURVES_OFF, AIR_OFF = 0.01, 0.8
 OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
 EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel that says nothing
 # What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
@@ -62,10 +63,11 @@ def fits(residual, bands):
 
 def unreliable(maps, c, bands):
     """Which pixels (height, width) of maps by name are unknown because of so few bands, or of what
-    a Calibration says of noise and curves: what fits clearly worse than the pixels that fit best,
-    though not for noise, or is not likely enough."""
+    a Calibration says of noise, curves and air: what fits clearly worse than the pixels that fit
+    best, though not for noise, or is not likely enough."""
     out = scratch.empty(maps["material"].shape, bool)
-    least = SURE * min(max(c.noise - 1, c.curves / CURVES_OFF), 1.0)  # no step
+    off = max(c.noise - 1, c.curves / CURVES_OFF, c.air_error / AIR_OFF)
+    least = SURE * min(off, 1.0)  # no step
     least = max(least, LIKELY * (bands < FEW_BANDS))
     for top in range(0, len(out), ROWS):
         part = slice(top, top + ROWS)

@@ -34,6 +34,8 @@ class Calibration(NamedTuple):
     air      Air between scene and camera; None if there is too little to tell
     air_error  one standard deviation of its optical depth, as a share of that, in each band
     contrast_k  K by which half of the ground behind it differs from it; of air_error alone
+    air_error_k  K by which T would be another, were that much of it off in many bands alike
+    error_at  Air of whose optical depth air_error is a share; None: of its own
     """
 
     gain: float = 1.0
@@ -48,6 +50,8 @@ class Calibration(NamedTuple):
     air: Air | None = None
     air_error: float = 0.0
     contrast_k: float = 0.0
+    air_error_k: float = 0.0
+    error_at: Air | None = None
 
     @property
     def keeps_cube(self):
@@ -114,10 +118,13 @@ def corrected(cube, c, distances=None):
 
 def _absorption_noise(c, wavelength_um):
     """(bands,) by how much S of what differs by a Calibration's contrast_k from its air is another
-    where the optical depth is off by air_error: S = (S' - (1 - t) B) / t changes by (S - B) dt / t.
+    where the optical depth is off by air_error: S' = t S + (1 - t) B changes by (S - B) dt, and
+    S = (S' - (1 - t) B) / t by as much over t.
     """
     slope = planck_derivative(wavelength_um, c.air.temperature_k)
-    return c.air_error * -np.log(c.air.transmittance) * slope * c.contrast_k
+    t = np.array((c.error_at or c.air).transmittance)
+    of_shown = c.air_error * -t * np.log(t) * slope * c.contrast_k
+    return of_shown / np.array(c.air.transmittance)
 
 
 def _by_distance(metres, c, wavelength_um, fwhm_um):
@@ -131,7 +138,8 @@ def _by_distance(metres, c, wavelength_um, fwhm_um):
 
 def behind(c, metres, wavelength_um, fwhm_um):
     """A Calibration with so many metres of its Air, at bands of centres and widths in um."""
-    return c._replace(air=Air.of(metres, c.air.temperature_k, wavelength_um, fwhm_um))
+    air = Air.of(metres, c.air.temperature_k, wavelength_um, fwhm_um, c.air.absorption)
+    return c._replace(air=air)
 
 
 def corrected_environment(environment, c):

@@ -77,6 +77,8 @@ def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
     nats_of  Nats of the pixels, corrected by a Calibration
     among    (octaves, height, width) nats -> their mean among those that are likely as far
     """
+    # by one error of its air: by its own, more air would be likelier for its noise alone
+    found = found._replace(error_at=found.air)
     tried = [
         behind(found, metres, cube.wavelength_um, cube.fwhm_um)
         for metres in found.air.metres * 2**OCTAVES
