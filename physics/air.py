@@ -37,7 +37,7 @@ class Air(NamedTuple):
         is so many times as much in each, if that is not ()."""
         atmosphere, nodes = usual_atmosphere(temperature_k), quadrature(wavelength_um, fwhm_um)
         t = at_nodes(lambda w: level_transmittance(w, metres, atmosphere), nodes)
-        t = np.maximum(t ** np.array(absorption)[:, None] if absorption else t, OPAQUE)
+        t = np.maximum(t ** np.array(absorption)[:, None] if len(absorption) else t, OPAQUE)
         path_radiance = (1 - t) * at_nodes(lambda w: planck(w, temperature_k), nodes)
         means = (tuple(a.mean(axis=-1).tolist()) for a in (t, path_radiance))
         return Air(float(metres), float(temperature_k), *means, tuple(absorption))

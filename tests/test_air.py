@@ -19,7 +19,7 @@ from physics.simulator import simulate
 from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
-from texnet.camera.calibration import _air_error_k, _Scene
+from texnet.camera.calibration import AIR_ERRORS, _air_error_k, _Scene
 from texnet.camera.correction import (
     RIGHT,
     Calibration,
@@ -187,6 +187,7 @@ def test_what_is_far_away_is_answered_as_what_is_near(name, bands, method):
     named = lambda of: (names_of(of) == names_of(truth)).mean()
     assert named(d) > named(near) - 0.03  # in the street 0.25
     assert (off(d) < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
+    assert d.air_error == AIR_ERRORS[0] and 0 < d.air_error_k < 0.3
 
 
 @pytest.mark.parametrize(
@@ -205,7 +206,7 @@ def test_air_that_absorbs_otherwise_is_air_all_the_same(seed, metres, method, tm
     far = through(cube, air, ground)
     d = decompose(far, method=method)
     assert metres / 2 < d.air_m < 2 * metres and d.air_k == pytest.approx(kelvin, abs=2)
-    assert d.air_error and d.curve_error == 0
+    assert d.air_error in AIR_ERRORS and d.curve_error == 0
     off = np.abs(d.temperature_k - truth.temperature_k)[ground]
     assert off.mean() < 3 and (off < 2 * d.temperature_sigma_k[ground]).mean() > 0.8
     if method == "net+sgd":
@@ -428,6 +429,22 @@ def octaves(nats, *among):
     of = lambda c: nats[np.abs(OCTAVES - np.log2(c.air.metres / 100)).argmin()]
     here = Calibration(air=Air.of(100.0, 283.0, W, FWHM))
     return likeliest_octaves(here, Nats(of), HeatCube(s, W, FWHM, 0.05), *among)
+
+
+def test_all_distances_are_judged_by_one_noise_of_what_is_shown():
+    """By that of their own air's error the farther would be likelier, being noisier."""
+    air = Air.of(100.0, 283.0, W, FWHM)
+    cube = HeatCube(planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7)), W, FWHM, 0.05)
+    shown = []
+
+    def of(c):
+        shown.append(corrected(cube, c).sigma * c.air.transmittance)
+        return np.zeros((6, 7))
+
+    found = Calibration(air=air, air_error=0.4, contrast_k=10.0)
+    likeliest_octaves(found, Nats(of), cube)
+    assert len(shown) == len(OCTAVES) and (shown[0] > 2 * cube.sigma).any()
+    np.testing.assert_allclose(shown, np.tile(shown[0], (len(OCTAVES), 1)), rtol=1e-6)
 
 
 @given(st.floats(-4.5, 3.5), st.integers(0, 2**31))

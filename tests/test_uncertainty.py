@@ -157,7 +157,7 @@ def test_the_command_takes_it(tmp_path, capsys):
     assert "need 0 to 10 K" in capsys.readouterr().err
 
 
-def test_where_the_noise_was_raised_or_curves_are_off_more_is_unknown():
+def test_where_noise_was_raised_or_curves_or_air_are_off_more_is_unknown():
     """What is not likely, the more so the more it was raised, and what fits worse than most."""
     p = np.linspace(0.02, 0.98, 25).reshape(5, 5)
     maps = {
@@ -171,6 +171,8 @@ def test_where_the_noise_was_raised_or_curves_are_off_more_is_unknown():
         np.testing.assert_array_equal(unreliable(maps, RIGHT, bands), p < least)
     for curves, least in ((0.005, 0.35), (0.02, 0.7)):
         np.testing.assert_array_equal(unreliable(maps, Calibration(curves=curves), 54), p < least)
+    for error, least in ((0.4, 0.35), (0.8, 0.7)):
+        np.testing.assert_array_equal(unreliable(maps, Calibration(air_error=error), 54), p < least)
     raised = Calibration(noise=1.01, misfit=0.25)
     maps["residual"][0] = 0.5  # chi^2 is four times what it is where most fits
     np.testing.assert_array_equal(unreliable(maps, raised, 54)[0], True)

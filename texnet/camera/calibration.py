@@ -234,28 +234,30 @@ def _absorbing_otherwise(scene, c, left, noise):
     Distances are likeliest at a noise. What is left is asked at MORE noise, but not at more of the
     error, so that more of it is taken than just fits: as with noise, because what is wrong in all
     pixels alike misleads more."""
-    least, of = None, c._replace(contrast_k=scene.contrast_k(c, noise))
+    of = c._replace(contrast_k=scene.contrast_k(c, noise))
+    least = of._replace(air_error=AIR_ERRORS[0]), left
     for error in AIR_ERRORS:
-        off = of._replace(air_error=error)
-        less = scene.left(off, scene.distances(off, noise))
-        if less and (least is None or less < least[1]):
-            least = off, less
-        if least and least[1] <= _just(scene.part) + RISE:
+        if least[1] <= _just(scene.part) + RISE:
             break
-    return least or (c, left)
+        off = of._replace(air_error=error)
+        left = scene.left(off, scene.distances(off, noise))
+        if 0 < left < least[1]:
+            least = off, left
+    return least
 
 
 def _air_error_k(scene, c, noise):
     """K by which T of a _Scene would be another, if the Air of a Calibration absorbed otherwise by
-    its air_error: the root of the sum of squares over SHAPES cosines along the wavelengths, which
-    make up that much together, though no more than is known of a scene's T beforehand. Distances
-    are likeliest at a noise."""
+    its air_error in many bands alike: the root of the sum of squares over SHAPES cosines along the
+    wavelengths, which make up that much together, though no more than is known of a scene's T
+    beforehand. Distances, each pixel's by itself, are likeliest at a noise."""
     if not c.air_error:
         return 0.0
     w, fwhm = scene.part.wavelength_um, scene.part.fwhm_um
+    along = np.pi * (w - w[0]) / (w[-1] - w[0])
     here, moved = scene.corrected_maps(c, noise), []
-    for shape in np.arange(1, SHAPES + 1):
-        wave = math.sqrt(2 / SHAPES) * np.cos(np.pi * shape * np.linspace(0, 1, len(w)))
+    for shape in range(1, SHAPES + 1):
+        wave = math.sqrt(2 / SHAPES) * np.cos(shape * along)
         absorption = tuple(np.exp(c.air_error * wave).tolist())
         other = c._replace(air=Air.of(*c.air[:2], w, fwhm, absorption))
         moved.append(scene.moved_k(scene.corrected_maps(other, noise), here))
