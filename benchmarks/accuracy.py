@@ -73,16 +73,10 @@ def measure(cube, truth, method, model=None):
 
 def measured(out, made, wanted):
     """Rows of accuracy.csv and of confusion.csv in a directory, as they were made by these settings
-    (see `rows.settings`), of scenes that have all (bands, method) wanted, bands as text."""
+    (see `rows.settings`), of scenes that have all (bands, method) wanted."""
     rows = whole_scenes(read_csv(out / "accuracy.csv", made), wanted)
     scenes = {r["scene"] for r in rows}
-    named = [r for r in read_csv(out / "confusion.csv", made) if r["scene"] in scenes]
-    kinds = dict.fromkeys(("scene", "method", "true", "named"), str)
-    kinds |= dict.fromkeys(("bands", "pixels"), int)
-    return tuple(
-        [{name: kinds.get(name, float)(v) for name, v in r.items()} for r in some]
-        for some in (rows, named)
-    )
+    return rows, [r for r in read_csv(out / "confusion.csv", made) if r["scene"] in scenes]
 
 
 def means(rows):
@@ -150,7 +144,7 @@ def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, kind="random"
     models = {"net+sgd": Runtime(ONNX, THREADS).run}
     library = MaterialLibrary.starter()
     made = f"{settings()}, {scenes} {kind} scenes, {finer} times finer"
-    rows, named = measured(out, made, {(str(b), m) for b in bands for m in methods})
+    rows, named = measured(out, made, {(b, m) for b in bands for m in methods})
     done = {r["scene"] for r in rows}
     for i, (name, traced) in enumerate(test_scenes(scenes, done, finer, kind), len(done) + 1):
         for n in bands:

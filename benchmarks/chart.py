@@ -177,7 +177,7 @@ def measure(out, networks=(), progress=None):
     methods, made = all_methods(networks), settings(*networks)
     out.mkdir(parents=True, exist_ok=True)
     on_two_threads()
-    wanted = {(str(b), m) for b in BANDS for m in methods}
+    wanted = {(b, m) for b in BANDS for m in methods}
     rows = whole_scenes(read_csv(out / "chart.csv", made), wanted)
     done = list(dict.fromkeys(r["scene"] for r in rows))
     total, count = SCENES * len(wanted), len(rows)
@@ -193,7 +193,6 @@ def measure(out, networks=(), progress=None):
         rows += of_scene
         count += len(of_scene)
         write_csv(out / "chart.csv", rows, made)
-    rows = [r | {"bands": int(r["bands"])} | {n: float(r[n]) for n in SHOWN} for r in rows]
     summary = medians(rows)
     front = {b: {m: pareto_methods(summary, b, m) for m in ERRORS} for b in BANDS}
     _draw(summary, front, out / "chart.png")

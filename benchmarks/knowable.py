@@ -53,12 +53,12 @@ def apart(spectra, emissivity, objects, wavelength_um, noise):
     return left.min(axis=1)
 
 
-def all_apart(library, bands, objects_at, temperature_k, v=0.5):
+def all_apart(library, bands, objects_at, temperature_k):
     """(L, L) noise standard deviations from each material of a MaterialLibrary, at a temperature,
-    K, lit by v of the first object, to each other one. objects_at(wavelength_um) -> (2, bands)."""
+    K, lit by both objects alike, to each other one. objects_at(wavelength_um) -> (2, bands)."""
     w, fwhm = equidistant_bands(bands)
     e, objects, noise = library.of_bands(w, fwhm), objects_at(w), noise_sigma(w, NETD_K)
-    spectra = render(np.full(len(e), temperature_k), e, np.array([v, 1 - v]), objects, w)[0]
+    spectra = render(np.full(len(e), temperature_k), e, np.array([0.5, 0.5]), objects, w)[0]
     return np.stack([apart(spectra, other, objects, w, noise) for other in e], axis=1)
 
 

@@ -37,20 +37,32 @@ def write_csv(path, rows, made=None):
 
 
 def read_csv(path, made):
-    """The rows that write_csv wrote, as they were made by these settings, all their values as text;
-    none if there is no file."""
-    if not path.exists():
-        return []
-    with open(path, newline="", encoding="utf-8") as file:
-        return [row for row in csv.DictReader(file) if row.pop(SETTINGS, None) == made]
+    """The rows that write_csv wrote, as they were made by these settings, values that read as
+    numbers being numbers; none if there is no file."""
+    return [row for by, row in _rows(path) if by == made]
 
 
 def made_otherwise(path, made):
     """The rows of such a file that were made by any other settings."""
+    return [row for by, row in _rows(path) if by != made]
+
+
+def _rows(path):
+    """(settings, row) of each row of such a file."""
     if not path.exists():
-        return []
+        return
     with open(path, newline="", encoding="utf-8") as file:
-        return [row for row in csv.DictReader(file) if row.get(SETTINGS) != made]
+        for row in csv.DictReader(file):
+            yield row.pop(SETTINGS, None), {name: _value(text) for name, text in row.items()}
+
+
+def _value(text):
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
 
 
 def whole_scenes(rows, wanted):

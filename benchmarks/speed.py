@@ -57,7 +57,7 @@ from physics.estimate import estimate_environment
 from physics.exact.local import solve_local
 from physics.exact.reduced import reduce_model
 from physics.library import SKY, MaterialLibrary
-from physics.machinery.threads import cores
+from physics.machinery.threads import usual_threads
 from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
@@ -308,7 +308,9 @@ def simulator(library):
     traced.blocks._tracer._embree = embree
     for i in range(len(traced.blocks)):
         traced.blocks[i]
-    bare = cores() * embree.rays / embree.seconds  # as if threads never waited for each other
+    bare = (
+        usual_threads() * embree.rays / embree.seconds
+    )  # as if threads never waited for each other
     whole = embree.rays / (row["seconds_per_megapixel"] * pixels / 1e6)
     return row | {
         "rays": embree.rays, "rays_per_second": whole, "embree_rays_per_second": bare,

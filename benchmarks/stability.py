@@ -390,9 +390,10 @@ def _distances(name, seed):
 
 
 def changed(cube, radiance=None, wavelength_um=None):
-    return HeatCube(
-        cube.radiance if radiance is None else radiance,
-        cube.wavelength_um if wavelength_um is None else wavelength_um, cube.fwhm_um, cube.netd_k,
+    """A HeatCube, none of it dead, of another radiance, or at other wavelengths."""
+    return replace(
+        cube, dead=None, radiance=cube.radiance if radiance is None else radiance,
+        wavelength_um=cube.wavelength_um if wavelength_um is None else wavelength_um,
     )  # fmt: skip
 
 
@@ -579,13 +580,6 @@ def missing_rows(scene, cube, truth, library, model):
             }  # fmt: skip
 
 
-def _value(text):
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
 def measure(out, axes=None, progress=None):
     """Write stability.csv, missing.csv, atlas.png and atlas.md into the folder out -> the rows of
     the first two and sentences on faults.
@@ -609,7 +603,7 @@ def measure(out, axes=None, progress=None):
             f"stability: {out / 'stability.csv'} holds what other code or another machine measured "
             f"of other axes ({'; '.join(sorted(lost))}); take another --out."
         )
-    rows = read(out / "stability.csv", made)
+    rows = read_csv(out / "stability.csv", made)
     answered_already = {(r["axis"], r["level"], r["scene"]) for r in rows}
     by_case, jobs = {}, [
         (axis, level, view) for axis in axes for view in AXES[axis].views
@@ -622,7 +616,7 @@ def measure(out, axes=None, progress=None):
         if progress:
             progress(done, len(jobs), axis)
     draw(rows, AXES, out / "atlas.png")
-    doubt = read(out / "missing.csv", made)
+    doubt = read_csv(out / "missing.csv", made)
     if "material missing" in axes:
         known = list(dict.fromkeys(r["scene"] for r in doubt))
         for scene, traced in test_scenes(SCENES, known):
@@ -634,8 +628,3 @@ def measure(out, axes=None, progress=None):
                 progress(len(known), SCENES, "missing")
     page(rows, AXES, doubt, out / "atlas.md")
     return rows, doubt, list(faults(rows))
-
-
-def read(table, made):
-    """The rows of a table that were made with these settings."""
-    return [{name: _value(text) for name, text in row.items()} for row in read_csv(table, made)]

@@ -160,8 +160,8 @@ class _Agreeing(nn.Module):
 
 def _trace(model):
     told = {*Known._fields, *Hypotheses._fields, *Blocks._fields} - {*INTERNAL}
-    assert {*INPUTS} == told | {"radiance", "log_expected", "inner"}
-    assert TeX._fields == tuple(OUTPUTS)
+    if {*INPUTS} != told | {"radiance", "log_expected", "inner"} or TeX._fields != tuple(OUTPUTS):
+        raise RuntimeError("export: INPUTS and OUTPUTS here are not what the model takes and gives")
     scene, *image = _example()
     inner = torch.tensor([2, 3, 5, 8])
     dynamic = {

@@ -9,7 +9,7 @@ from .cube.heat_cube import check_wavelength, numbers
 from .errors import Implausible, InputError
 from .machinery.read_only import ReadOnly
 from .planck import brightness_temperature, planck, planck_derivative
-from .prior import MIN_TEMPERATURE_SPREAD_K, Pixels, lighting_scale
+from .prior import MIN_TEMPERATURE_SPREAD_K, SampledSpectra, lighting_scale
 
 MOST_OBJECTS = 10
 FAR_K = 100.0  # from the cube: in other units
@@ -92,8 +92,6 @@ class Environment(ReadOnly):
                 raise Implausible(f"environment: {name} must be finite.")
             if name == "sky_mean" and (array <= 0).any():
                 raise Implausible("environment: sky_mean must be positive.")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
         if self.within is not None:
             within = np.array(numbers(self.within, "environment: within"), np.float64)
             if within.ndim != 3 or within.shape[:2] != (len(sky), w.size) or not within.size:
@@ -103,20 +101,15 @@ class Environment(ReadOnly):
                 )
             if not np.isfinite(within).all() or (within <= 0).any():
                 raise InputError("environment: within must be finite and positive.")
-            within.setflags(write=False)
-            object.__setattr__(self, "within", within)
+            fields["within"] = within
         if self.usual_lighting is not None:
             usual = numbers(self.usual_lighting, "environment: usual_lighting").astype(np.float64)
             if usual.shape != (len(s),) or not (usual >= 0).all() or abs(usual.sum() - 1) > 1e-5:
                 raise InputError(
                     f"environment: usual_lighting must be {len(s)} shares that sum to 1."
                 )
-            usual.setflags(write=False)
-            object.__setattr__(self, "usual_lighting", usual)
-        s.setflags(write=False)
-        object.__setattr__(self, "radiance", s)
-        object.__setattr__(self, "sky", sky)
-        object.__setattr__(self, "wavelength_um", w)
+            fields["usual_lighting"] = usual
+        self._set(radiance=s, sky=sky, wavelength_um=w, **fields)
 
     def __repr__(self):
         w, n = self.wavelength_um, len(self)
@@ -211,7 +204,7 @@ class Environment(ReadOnly):
         self.check_bands(cube.wavelength_um)
         objects_k = brightness_temperature(self.wavelength_um, self.radiance)
         coldest, warmest = objects_k.mean(axis=1).min(), objects_k.max()
-        scene_k = Pixels.of(cube).brightness_k.mean(axis=1)
+        scene_k = SampledSpectra.of(cube).brightness_k.mean(axis=1)
         half, hottest = np.median(scene_k), scene_k.max()
         if coldest > hottest + FAR_K:
             raise InputError(

@@ -139,11 +139,12 @@ class Sample:
     noise units, row (n,) how far down its column each lies, 0..1, sky (n,) which of them are sky,
     and inner (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have.
 
-    Raises InputError for a band without light.
+    split is that of the cube (`cube.hot`), if it was made already. Raises InputError for a band
+    without light.
     """
 
-    def __init__(self, cube, library, seed=0):
-        self.cube, _, self.hot = split_hot(cube.with_netd())
+    def __init__(self, cube, library, seed=0, split=None):
+        self.cube, _, self.hot = split or split_hot(cube.with_netd())
         self.library, self.seed = library, seed
         pick = self.cube.random_pixels(np.random.default_rng(seed), SAMPLES)
         radiance = self.cube.pixels(pick)

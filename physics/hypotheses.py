@@ -37,9 +37,9 @@ import numpy as np
 
 from .errors import InputError
 from .expected import only
-from .known import COLDEST_PRIOR_K, TERMS
+from .known import COLDEST_PRIOR_K, TERMS, Known
 from .planck import planck
-from .prior import Mixtures, among, lighting_scale
+from .prior import Mixtures, among, deviations, lighting_scale
 
 QUADRATURE = np.polynomial.hermite_e.hermegauss(16)
 GUESS_PRECISION = 4.0  # kappa: of a guessed V over that of knowing nothing
@@ -140,8 +140,9 @@ def hypotheses_of(known) -> Hypotheses:
     x = {name: np.asarray(a, np.float64) for name, a in known.items()}
     sky, sigma, k = x["is_sky"], x["sigma"], len(x["environment"])
     in_view = bool(x["sky_mean"].max() > 0)
-    material, sky_share, share_sigma, share = Mixtures.of(sky, in_view)
-    prior = np.log(share) - (0 if in_view else NEVER * sky)
+    of = Mixtures.of(sky, in_view)
+    material, sky_share = of.material, of.sky_share
+    prior = np.log(of.prior) - (0 if in_view else NEVER * sky)
     # what glows before the sky is as good as black
     e = x["emissivity"] + (1 - x["emissivity"]) * sky[:, None, None]
     series = planck_series(x["nodes_um"], x["prior_k"])  # (n + 1, bands, nodes)
@@ -152,14 +153,9 @@ def hypotheses_of(known) -> Hypotheses:
     light = light * (1 - sky_share)[:, None, None] / sigma  # (R, k, bands)
     usual = np.einsum("k,rkb->rb", x["usual_lighting"], light)
     black = series[0].mean(axis=-1)
-    of_reflected = (reflected / sigma)[:, None]
-    alpha_step = share_sigma[:, None] * (x["sky_mean"] - black)
+    alpha_step = of.share_sigma[:, None] * (x["sky_mean"] - black)
     rows = np.concatenate([
-        of_reflected * x["spread"],
-        of_reflected * x["skylight_spread"],
-        (1 - sky_share)[:, None, None] * (x["curve_spread"] / sigma),
-        sky_share[:, None, None] * (x["sky_spread"] / sigma),
-        (alpha_step / sigma)[:, None],
+        deviations(of, reflected, Known(**x), alpha_step, sigma),
         (light - light.mean(axis=1, keepdims=True)) * lighting_scale(k),
         glow[:, 1:],
     ], axis=1)  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 from .bands import quadrature
 from .errors import InputError
 from .planck import noise_sigma, planck
-from .prior import MIN_TEMPERATURE_SPREAD_K, Pixels, usual_temperature
+from .prior import MIN_TEMPERATURE_SPREAD_K, SampledSpectra, usual_temperature
 
 TERMS = 5  # of the series of Planck's law in `hypotheses`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
@@ -77,7 +77,7 @@ def known_arrays(cube, library, environment):
         )
     nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
     curves = library.at(nodes)
-    pixels = Pixels.of(cube)
+    pixels = SampledSpectra.of(cube)
     t, mean = pixels.brightness_k.mean(axis=1), usual_temperature(cube, environment, pixels)
     off = np.abs(t - mean)
     far = FAR * np.quantile(off, 0.995, method="lower")

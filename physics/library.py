@@ -99,14 +99,10 @@ class MaterialLibrary(ReadOnly):
         level = np.array(numbers(level, "library: level_sigma"), float)
         if level.shape != (m,) or not ((level >= 0) & (level < 1)).all():
             raise InputError("library: level_sigma must hold one value >= 0 and < 1 per material.")
-        for array in (e, hue, rgb, level):
-            array.setflags(write=False)
-        fields = dict(
+        self._set(
             names=names, wavelength_um=w, emissivity=e,
             hue_deg=hue, albedo_rgb=rgb, descriptions=text, level_sigma=level,
         )  # fmt: skip
-        for key, value in fields.items():
-            object.__setattr__(self, key, value)
 
     def __repr__(self):
         low, high = self.wavelength_um[[0, -1]]

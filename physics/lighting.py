@@ -25,7 +25,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .cube.heat_cube import HeatCube, sampling_step
+from .cube.heat_cube import sampling_step
 from .hypotheses import hypotheses_of
 from .known import MAX_OBJECTS, known_arrays
 from .prior import lighting_scale
@@ -54,10 +54,7 @@ def with_usual_lighting(environment, cube, library, left_out=None):
     if not there.size:
         return environment
     some = cube.pixels(there[:: sampling_step(cube.shape, PIXELS * cube.dead.size // there.size)]).T
-    part = HeatCube(
-        some[:, None], cube.wavelength_um, cube.fwhm_um, cube.netd_k,
-        relative_noise=cube.relative_noise, quiet=cube.quiet,
-    )  # fmt: skip
+    part = replace(cube, radiance=some[:, None], dead=None)
     known = known_arrays(part, library, environment)
     even = share = sky.mean()
     usual, nats = np.full(k, 1 / k), []

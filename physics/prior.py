@@ -53,6 +53,23 @@ class Mixtures(NamedTuple):
         return Mixtures(*map(np.concatenate, zip(*rows, strict=True)))
 
 
+def deviations(of, reflected, around, alpha_step, sigma):
+    """(R, d, bands) what spectra of Mixtures may deviate by, each a standard deviation in noise
+    units sigma (bands,): the surroundings from the k objects, the library's curves, the sky in
+    view, and its share in the pixel.
+
+    reflected   (R, bands) (1 - alpha)(1 - e), of the surroundings' light
+    around      what has the deviations of an Environment, W m-2 sr-1 um-1
+    alpha_step  (R, bands) what one standard deviation of alpha changes, W m-2 sr-1 um-1
+    """
+    share, reflected = of.sky_share[:, None, None], reflected[:, None]
+    rows = [
+        reflected * around.spread, reflected * around.skylight_spread,
+        (1 - share) * around.curve_spread, share * around.sky_spread, alpha_step[:, None],
+    ]  # fmt: skip
+    return np.concatenate(rows, axis=1) / sigma
+
+
 def among(material, sky_share, is_sky, held):
     """(R,) bool: which of the hypotheses are looked for where materials held (materials,) bool
     are: none partly sky where the sky is not."""
@@ -60,7 +77,7 @@ def among(material, sky_share, is_sky, held):
     return held[material] & (~partly | (held & is_sky).any())
 
 
-class Pixels(NamedTuple):
+class SampledSpectra(NamedTuple):
     """Spectra (n, bands) of a regular subsample of a HeatCube's pixels, and their brightness
     temperatures (n, bands) in K."""
 
@@ -70,17 +87,17 @@ class Pixels(NamedTuple):
     @staticmethod
     def of(cube):
         s = cube.sample(SAMPLES)
-        return Pixels(s, brightness_temperature(cube.wavelength_um, s))
+        return SampledSpectra(s, brightness_temperature(cube.wavelength_um, s))
 
 
 def usual_temperature(cube, environment, pixels):
-    """K: the median of what a HeatCube's Pixels, but those of the Environment's sky, look like in
-    the band in which they look warmest, the most opaque. It is that of most objects, whatever these
-    are made of: a mirror too looks nearly as warm as they where the sky is opaque. Nor is it less
-    than the sky's own there, which is about the air's: mirrors of the clear sky overhead look
-    colder than the sky in view. Where no band is opaque mirrors look much colder than they are; if
-    they are the colder half of the pixels, as their bands tell (of three and more), it is not far
-    below the warmest tenth.
+    """K: the median of what a HeatCube's SampledSpectra, but those of the Environment's sky, look
+    like in the band in which they look warmest, the most opaque. It is that of most objects,
+    whatever these are made of: a mirror too looks nearly as warm as they where the sky is opaque.
+    Nor is it less than the sky's own there, which is about the air's: mirrors of the clear sky
+    overhead look colder than the sky in view. Where no band is opaque mirrors look much colder than
+    they are; if they are the colder half of the pixels, as their bands tell (of three and more), it
+    is not far below the warmest tenth.
     """
     t = pixels.brightness_k
     if environment.sky_mean is None:

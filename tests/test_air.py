@@ -19,7 +19,7 @@ from physics.simulator import simulate
 from physics.simulator.presets import preset
 from physics.sky import Atmosphere, level_transmittance, usual_atmosphere
 from texnet.camera.air_between import air_between
-from texnet.camera.calibration import AIR_ERRORS, _air_error_k, _Scene
+from texnet.camera.air_error import AIR_ERRORS, air_error_k
 from texnet.camera.correction import (
     RIGHT,
     Calibration,
@@ -29,7 +29,8 @@ from texnet.camera.correction import (
     lifted_nats,
 )
 from texnet.camera.distances import OCTAVES, among_neighbours, far, likeliest_octaves
-from texnet.camera.nats import Nats
+from texnet.camera.nats import NegativeLogEvidence
+from texnet.camera.pixels import SampledPixels
 from texnet.files.cube_io import write_cube
 from texnet.glance import from_afar
 from texnet.learned import shipped_network
@@ -73,7 +74,7 @@ def test_behind_air_that_hides_all_nothing_is_likely():
     environment = estimate_environment(cube, LIBRARY, 5)
     never = lambda *_: pytest.fail("there is nothing to look at")
     with np.errstate(divide="ignore", invalid="ignore"):
-        nats = _Scene(cube, environment, LIBRARY, None).nats(never, Calibration(air=hidden))
+        nats = SampledPixels(cube, environment, LIBRARY, None).nats(never, Calibration(air=hidden))
     assert nats.shape == cube.radiance[0].ravel().shape and (nats == np.inf).all()
 
 
@@ -84,7 +85,7 @@ def test_what_is_wrong_with_the_machine_is_no_unlikely_air():
         raise InputError("no room")
 
     with pytest.raises(InputError, match="no room"):
-        _Scene(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, None).nats(full, RIGHT)
+        SampledPixels(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, None).nats(full, RIGHT)
 
 
 @given(metres, metres, kelvins)
@@ -149,7 +150,7 @@ def searched(peak_m, peak_k, gains):
         return np.full(100, 10.0 - gains * share * (2 - share - share * warmer**2 / 4))
 
     air_of = lambda m, k: Air(m, k, (1.0,), (0.0,))
-    return air_between(Nats(nats_of), air_of, 280.0)
+    return air_between(NegativeLogEvidence(nats_of), air_of, 280.0)
 
 
 @given(st.floats(15, 1000), st.floats(279, 287))
@@ -333,7 +334,7 @@ def test_t_is_in_doubt_by_as_much_as_other_air_would_move_it(metres, kelvin, war
 
     somewhere = Environment(np.stack([planck(W, 200.0), glow]), W, sky=(0,))
     somewhere = replace(somewhere, sky_mean=planck(W, 200.0))
-    scene = _Scene(
+    pixels = SampledPixels(
         replace(through(warm, air), fwhm_um=FWHM * 1e-3, netd_k=0.02),
         somewhere,
         LIBRARY,
@@ -344,8 +345,8 @@ def test_t_is_in_doubt_by_as_much_as_other_air_would_move_it(metres, kelvin, war
     factors = np.exp(share * np.sqrt(0.5) * np.cos(np.pi * np.outer((1, 2, 3, 4), x)))[:, band]
     s = glow[band] + (planck(W[band], kelvin + warmer) - glow[band]) * t[band] ** (1 - factors)
     moved = np.sqrt(np.sum((brightness_temperature(W[band], s) - kelvin - warmer) ** 2))
-    assert _air_error_k(scene, found, 1.0) == pytest.approx(moved, rel=1e-3, abs=1e-3)
-    assert _air_error_k(scene, found._replace(air_error=0.0), 1.0) == 0
+    assert air_error_k(pixels, found, 1.0) == pytest.approx(moved, rel=1e-3, abs=1e-3)
+    assert air_error_k(pixels, found._replace(air_error=0.0), 1.0) == 0
 
 
 @given(metres, kelvins, st.lists(st.floats(0.3, 3), min_size=13, max_size=13))
@@ -399,11 +400,11 @@ def test_what_would_be_darker_than_dark_is_unlikely():
 def test_what_correcting_hides_counts_against_an_air():
     cube, _ = traced("forest", 24)
     certain = lambda environment, part, seen: {"log_evidence": np.zeros(part.shape)}
-    scene = _Scene(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, lambda: certain)
+    pixels = SampledPixels(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, lambda: certain)
     hot = Calibration(air=Air.of(1000.0, 300.0, cube.wavelength_um, cube.fwhm_um))
-    nats = scene.nats(certain, hot)
+    nats = pixels.nats(certain, hot)
     np.testing.assert_allclose(nats, lifted_nats(cube, hot).ravel())
-    assert nats.max() > 1 and (scene.nats(certain, RIGHT) == 0).all()
+    assert nats.max() > 1 and (pixels.nats(certain, RIGHT) == 0).all()
 
 
 def test_noise_by_band_stays_with_the_cube():
@@ -428,7 +429,7 @@ def octaves(nats, *among):
     s = planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7))
     of = lambda c: nats[np.abs(OCTAVES - np.log2(c.air.metres / 100)).argmin()]
     here = Calibration(air=Air.of(100.0, 283.0, W, FWHM))
-    return likeliest_octaves(here, Nats(of), HeatCube(s, W, FWHM, 0.05), *among)
+    return likeliest_octaves(here, NegativeLogEvidence(of), HeatCube(s, W, FWHM, 0.05), *among)
 
 
 def test_all_distances_are_judged_by_one_noise_of_what_is_shown():
@@ -442,7 +443,7 @@ def test_all_distances_are_judged_by_one_noise_of_what_is_shown():
         return np.zeros((6, 7))
 
     found = Calibration(air=air, air_error=0.4, contrast_k=10.0)
-    likeliest_octaves(found, Nats(of), cube)
+    likeliest_octaves(found, NegativeLogEvidence(of), cube)
     assert len(shown) == len(OCTAVES) and (shown[0] > 2 * cube.sigma).any()
     np.testing.assert_allclose(shown, np.tile(shown[0], (len(OCTAVES), 1)), rtol=1e-6)
 

@@ -20,8 +20,8 @@ from physics.planck import noise_sigma, planck
 from physics.simulator import simulate
 from physics.simulator.presets import PRESETS
 from texnet.budget import middle
-from texnet.camera.calibration import _sample
 from texnet.camera.correction import Calibration, corrected
+from texnet.camera.pixels import sample
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
 from texnet.glance import from_afar
@@ -266,7 +266,7 @@ def test_how_quiet_a_camera_is_stays_with_the_cube():
     cube = replace(cube, quiet=quiet)
     some = np.arange(18) % 3 > 0
     np.testing.assert_array_equal(cube.only(some).quiet, quiet[some])
-    for same in (cube.moved(0.01), from_afar(cube, 4), _sample(cube), middle(cube, 20)):
+    for same in (cube.moved(0.01), from_afar(cube, 4), sample(cube), middle(cube, 20)):
         np.testing.assert_array_equal(same.quiet, quiet)
     # by what more noise stands for pixels do scatter
     for c in (Calibration(noise=3.0), Calibration(gain=1.1, noise=3.0)):

@@ -19,10 +19,11 @@ from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.simulator import simulate
 from physics.simulator.presets import preset
-from texnet.camera.calibration import _sample, calibration
+from texnet.camera.calibration import calibration
 from texnet.camera.correction import RIGHT, Calibration, corrected, corrected_environment
-from texnet.camera.nats import Nats
+from texnet.camera.nats import NegativeLogEvidence
 from texnet.camera.one_error import GAIN, LEVELS, one_error, shift_kind
+from texnet.camera.pixels import sample
 from texnet.files.cube_io import write_cube
 from texnet.methods import Look
 from texnet.pipeline import decompose
@@ -404,7 +405,7 @@ def test_the_command_says_so(tmp_path, capsys):
 @pytest.mark.parametrize("shape", [(20000, 1), (1, 20000), (150, 140), (5000, 3)])
 def test_as_many_pixels_are_looked_at_of_a_picture_of_any_shape(shape):
     s = planck(W, 290.0)[:, None, None] * np.ones((1, *shape))
-    assert 300 < _sample(HeatCube(s, W, None, 0.05)).radiance[0].size < 1000
+    assert 300 < sample(HeatCube(s, W, None, 0.05)).radiance[0].size < 1000
 
 
 # --- what is taken, of evidence made up --------------------------------------------------
@@ -426,7 +427,7 @@ def one(kinds=KINDS, sky=True, **peaks):
             gains += nats * alone * np.exp(-(((errors[name] - error) / width[name]) ** 2))
         return np.full(100, 10.0 - gains)
 
-    return one_error(Nats(nats_of), sky, kinds)
+    return one_error(NegativeLogEvidence(nats_of), sky, kinds)
 
 
 def test_a_shift_is_taken_that_leads():
@@ -460,7 +461,7 @@ def test_where_the_library_ends_with_the_bands_all_else_is_found():
             return np.full(100, np.inf)
         return np.full(100, 10.0 - 2.0 * np.exp(-(((c.gain - 1.03) / 0.01) ** 2)))
 
-    found, suspected = one_error(Nats(nats_of), True, KINDS)
+    found, suspected = one_error(NegativeLogEvidence(nats_of), True, KINDS)
     assert found.gain == pytest.approx(1.03, abs=2e-3) and suspected == ()
 
 
@@ -470,7 +471,7 @@ def test_no_shift_is_taken_beyond_which_the_library_ends():
         nats = 10.0 - 2.0 * np.exp(-(((bands - 0.4) / 0.3) ** 2))
         return np.full(100, nats if bands < 0.25 else np.inf)
 
-    assert one_error(Nats(nats_of), True, KINDS) == (RIGHT, ())
+    assert one_error(NegativeLogEvidence(nats_of), True, KINDS) == (RIGHT, ())
 
 
 def found(nats_of, sky=True, residual=0.9, shape=(12, 12)):
@@ -631,7 +632,7 @@ def test_each_camera_is_looked_at_once_alone_until_one_is_answered_and_then_two_
             looked.append(gain)
         return np.full(3, gain if gain < 2 else np.inf)
 
-    nats = Nats(of, at_once=2)
+    nats = NegativeLogEvidence(of, at_once=2)
     some = nats.each([2.0, 1.0, 1.1, 0.9, 1.1, 1.2, 0.8])
     assert list(some) == [2.0, 1.0, 1.1, 0.9, 1.2, 0.8] and most == 2
     assert all((some[gain] == gain).all() for gain in some if gain < 2)

@@ -34,7 +34,7 @@ from texnet.learned import shipped_network, torch_model
 from texnet.methods import by_network
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
-from training.crops import Crops, Seen
+from training.crops import CalibratedCube, Crops
 from training.finetune import calibrated, finetune
 from training.reshade import ReshadedSet
 from training.samples import draw
@@ -326,7 +326,7 @@ def test_all_that_is_held_out_is_measured(cache, cube, monkeypatch, of):
 
     bands = cube.wavelength_um, cube.fwhm_um
     bright = [HeatCube(cube.radiance * (1 + i / 99), *bands, 0.05) for i in range(of)]
-    module._measure(Measuring(), Crops(map(Seen, bright), with_sky(NEW), 0, 64))
+    module._measure(Measuring(), Crops(map(CalibratedCube, bright), with_sky(NEW), 0, 64))
     assert len(crops) == of
     crops.clear()
     measure = module._measure
@@ -355,7 +355,7 @@ def test_a_damaged_file_of_the_cache_is_named(tmp_path, what, monkeypatch):
 
 def test_many_cubes_take_few_open_files(cube):
     """Workers share tensors by an open file each, of which many systems allow 1024."""
-    many = Crops([Seen(cube)] * 3, NEW, 0, 96)
+    many = Crops([CalibratedCube(cube)] * 3, NEW, 0, 96)
     tensors = [a for c in many.cubes for a in c if isinstance(a, torch.Tensor)]
     assert len(tensors) == 3 and not any(
         isinstance(a, torch.Tensor) for c in many.cubes for k in c[-1] for a in k.values()
@@ -371,20 +371,20 @@ def test_a_cube_that_does_not_fit_is_told(cube, cache):
 
 def test_crops_are_small_and_know_the_whole_cube(cube):
     tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
-    both = Crops([Seen(tall), Seen(cube)], NEW, 0, 96)
+    both = Crops([CalibratedCube(tall), CalibratedCube(cube)], NEW, 0, 96)
     assert len(both) == 2
     shapes = {tuple(both[i][0].radiance.shape) for i in range(4)}
     assert shapes == {(20, 96, 24), (20, 24, 24)}
     sample, _ = both[2]
-    again, _ = Crops([Seen(tall), Seen(cube)], NEW, 0, 96)[2]
+    again, _ = Crops([CalibratedCube(tall), CalibratedCube(cube)], NEW, 0, 96)[2]
     assert torch.equal(sample.radiance, again.radiance) and sample.material is None
     environments = [k["environment"] for k in both.cubes[0][-1]]
     assert any(np.array_equal(sample.known.environment, e) for e in environments)
     narrow = MaterialLibrary(NEW.names, [9.0, 12.0], NEW.at([9.0, 12.0]))
     with pytest.raises(InputError, match="its curves cover 9-12 um"):
-        Crops([Seen(cube)], narrow, 0, 96)
+        Crops([CalibratedCube(cube)], narrow, 0, 96)
     pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
-    assert len(Crops([Seen(pixel)], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
+    assert len(Crops([CalibratedCube(pixel)], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
 
 
 def test_a_camera_s_gain_is_not_learned():
@@ -404,7 +404,7 @@ def test_a_sky_that_decompose_assumes_is_learned_with():
     taken = calibrated(below, STARTER, shipped_network())
     assert taken.sky_assumed == decompose(below, model=torch_model()).sky_assumed
     for assume in (False, True):
-        crops = Crops([Seen(taken.cube, assume)], STARTER, 0, 96)
+        crops = Crops([CalibratedCube(taken.cube, assume)], STARTER, 0, 96)
         skies = [k["sky_object"].sum() for k in crops.cubes[0][-1]]
         assert (np.array(skies[1:]) > 0).all() == assume and skies[0] == 0
 
@@ -444,7 +444,7 @@ def test_crops_show_what_was_measured(cube):
     s = np.zeros((cube.bands, 60, 200), np.float32)
     s[:, :, :100] = np.tile(cube.radiance, (1, 3, 5))[:, :60, :100]
     dead, whole = (
-        Crops([Seen(HeatCube(part, cube.wavelength_um, cube.fwhm_um, 0.05))], NEW, 0, 48)
+        Crops([CalibratedCube(HeatCube(part, cube.wavelength_um, cube.fwhm_um, 0.05))], NEW, 0, 48)
         for part in (s, s[:, :, :100])
     )
     for i in range(20):

@@ -1,5 +1,6 @@
 """Fires and furnaces: pixels far hotter than the rest are solved apart, and spoil no others."""
 
+import gc
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -74,6 +75,17 @@ def test_without_a_fire_nothing_is_split_off():
     cold, hot, alone = split_hot(cube)
     assert cold is cube and not hot.any() and alone.shape == (cube.bands, 0)
     assert spread_of_hot(alone, cube.dead.size).shape == (0, cube.bands)
+
+
+def test_nothing_of_a_cube_outlives_its_answer():
+    """Not the copy of it that is without its fire, either."""
+    cube = fire(9)[0]
+    gc.collect()
+    before = {id(c) for c in gc.get_objects() if type(c) is HeatCube}
+    decompose(cube, method="local")
+    gc.collect()
+    left = [c for c in gc.get_objects() if type(c) is HeatCube and id(c) not in before]
+    assert split_hot(cube).hot.any() and not left
 
 
 def test_one_wrong_band_makes_no_fire_and_hides_none():

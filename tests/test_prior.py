@@ -1,13 +1,16 @@
-"""What T usually is in a scene, where most of it is bare metal under a clear sky."""
+"""What T usually is in a scene, where most of it is bare metal under a clear sky; mixed pixels."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from physics import HeatCube, MaterialLibrary
+from physics import Environment, HeatCube, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
 from physics.estimate import estimate_environment
+from physics.exact.reduced import reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck
-from physics.prior import Mixtures, Pixels, usual_temperature
+from physics.prior import Mixtures, SampledSpectra, usual_temperature
 from physics.sky import Atmosphere, sky_radiance
 
 AIR_K, METAL = 290.0, 0.05
@@ -30,8 +33,8 @@ def test_metal_that_mirrors_a_cold_sky_does_not_make_the_scene_cold(bands):
     cube = HeatCube(s.T.reshape(bands, 40, 30), centre, width, 0.05)
     environment = estimate_environment(cube, MaterialLibrary.starter())
     assert environment.sky
-    usual = usual_temperature(cube, environment, Pixels.of(cube))
-    alone = np.median(Pixels.of(cube).brightness_k.mean(axis=1))  # what they would say
+    usual = usual_temperature(cube, environment, SampledSpectra.of(cube))
+    alone = np.median(SampledSpectra.of(cube).brightness_k.mean(axis=1))  # what they would say
     assert alone < AIR_K - 15
     assert AIR_K - 12 < usual < AIR_K + 3
 
@@ -51,7 +54,9 @@ def test_mirrors_in_the_window_leave_the_scene_as_warm_as_the_rest(bands, metal)
     environment = estimate_environment(cube, TWO, 2)
     t = brightness_temperature(w, s).max(axis=1)
     assert np.median(t) < AIR_K - 15 if metal else np.median(t) > AIR_K - 1
-    assert abs(usual_temperature(cube, environment, Pixels.of(cube)) - AIR_K) < (15 if metal else 1)
+    assert abs(usual_temperature(cube, environment, SampledSpectra.of(cube)) - AIR_K) < (
+        15 if metal else 1
+    )
 
 
 @pytest.mark.parametrize("hot_k", [310.0, 330.0, 600.0])
@@ -64,7 +69,9 @@ def test_a_part_that_is_hot_does_not_make_the_scene_hot(hot_k, emissivity):
     s = e * planck(w, t[:, None]) + (1 - e) * planck(w, 230.0)
     cube = HeatCube(s.T.reshape(6, 40, 30), w, netd_k=0.05)
     environment = estimate_environment(cube, TWO, 2)
-    assert usual_temperature(cube, environment, Pixels.of(cube)) == pytest.approx(290, abs=1)
+    assert usual_temperature(cube, environment, SampledSpectra.of(cube)) == pytest.approx(
+        290, abs=1
+    )
 
 
 @pytest.mark.parametrize("netd_k", [0.05, 1.0, 2.0])
@@ -81,7 +88,7 @@ def test_noise_does_not_make_the_scene_warm(netd_k):
     cube = HeatCube(s.T.reshape(24, 80, 40), w, netd_k=netd_k)
     environment = estimate_environment(cube, MaterialLibrary.starter())
     assert environment.sky
-    assert abs(usual_temperature(cube, environment, Pixels.of(cube)) - AIR_K) < 3
+    assert abs(usual_temperature(cube, environment, SampledSpectra.of(cube)) - AIR_K) < 3
 
 
 @pytest.mark.parametrize("sky", [None, 0, 2])
@@ -97,3 +104,20 @@ def test_every_material_is_pure_or_partly_sky_where_there_is_one(sky, in_view):
         assert more > 0.5 > of.sky_share[mixed & (of.material != sky)].max()
     else:
         assert not mixed.any() and of.material.tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("bands", [3, 6, 54])
+def test_a_rim_goes_from_the_mean_of_what_glows_in_a_band_to_the_mean_of_the_sky(bands):
+    """Of wide bands, B at the centre is another by many times the noise."""
+    w, fwhm = equidistant_bands(bands)
+    sky = planck(w, 250.0)
+    around = Environment(np.stack([sky, planck(w, 285.0)]), w, sky=(0,))
+    around = replace(around, sky_mean=sky)
+    s = planck(w, np.linspace(280, 295, 1200)[:, None])
+    cube = HeatCube(s.T.reshape(bands, 40, 30), w, fwhm, netd_k=0.05)
+    model = reduce_model(cube, MaterialLibrary.starter(), around)
+    fine = w + fwhm * (np.arange(2000)[:, None] + 0.5 - 1000) / 2000
+    glow = planck(fine, model.prior_mean_k).mean(axis=0)
+    row = np.flatnonzero((model.sky_share > 0) & (model.sky_share < 1))
+    step = np.tile(0.15 * (sky - glow) / cube.sigma, (len(row), 1))
+    np.testing.assert_allclose(model.deviation[row, :, -1], step, rtol=2e-3)

@@ -238,7 +238,7 @@ def test_a_scene_of_every_material_and_one_of_few_records():
     (s,) = draws(1, record(2, materials=tuple(range(10))))
     assert len(s.known.is_sky) == 10
     few = record(3, materials=(0, 1))
-    small = Record(few.radiance, few.texture, few.temperature_k, few.sky_view, few.sky_texture,
+    small = Record(few.radiance, few.texture, few.temperature_k, few.sky_view,
                    few.material, few.curves[:3], NAMES[:3], FINE, 0)  # fmt: skip
     (s,) = draws(1, small)
     assert len(s.known.is_sky) == 3

@@ -18,7 +18,7 @@ from physics.planck import noise_sigma, planck
 from physics.simulator import Camera, Scene, SceneObject, Truth, simulate
 from physics.simulator.sensor import FLOOR_K, Bands
 from physics.simulator.shade import Shader, shade
-from physics.simulator.trace import SKY, Paths, Tracer, roulette
+from physics.simulator.trace import ESCAPED, Paths, Tracer, roulette
 from physics.sky import Atmosphere, sky_radiance
 
 BANDS = np.array([8.5, 10.0, 12.5])
@@ -293,7 +293,7 @@ def test_first_directions_follow_lamberts_law():
     # from a wall cos zenith is distributed like one coordinate of the disc, a semicircle.
     def cos_zenith(surface, camera):
         paths = traced([surface], camera, spp=576)
-        assert (np.diff(paths.start) == 2).all() and (paths.material[1::2] == SKY).all()
+        assert (np.diff(paths.start) == 2).all() and (paths.material[1::2] == ESCAPED).all()
         return paths.value[1::2].astype(float)
 
     up = cos_zenith(ground(), Camera((0, 0, 2), (0, 1, 0)))
@@ -308,7 +308,7 @@ def test_a_convex_body_never_sees_itself():
     paths = traced([ball(subdivisions=1)], Camera((4, 0, 1.2), (0, 0, 1.2), 25))
     first = paths.start[:-1][np.diff(paths.start) > 1]
     assert len(first) > 1000
-    assert (paths.material[first] == 1).all() and (paths.material[first + 1] == SKY).all()
+    assert (paths.material[first] == 1).all() and (paths.material[first + 1] == ESCAPED).all()
 
 
 # ---------------------------------------------------------------- against a naive tracer
@@ -423,7 +423,7 @@ def test_tables_of_planck_and_sky_are_finer_than_the_noise():
     # the table's error and the rounding of a float32 result
     assert (np.abs(got - exact) < 1e-4 * noise_sigma(w, 0.05) + 2e-7 * exact).all()
     mu = (np.linspace(0, 1, 3001) ** 2).astype(np.float32)
-    got = shade(one_surface_paths(SKY, mu), shader, 1).radiance
+    got = shade(one_surface_paths(ESCAPED, mu), shader, 1).radiance
     assert (np.abs(got - sky(w, mu.astype(float))) / noise_sigma(w, 0.05)).max() < 0.02
 
 

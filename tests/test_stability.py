@@ -204,13 +204,43 @@ def test_what_is_said_of_a_missing_material(library, monkeypatch):
     assert all(r["covered"] == 1 and r["unknown"] == 0 for r in said(False, 0.6))
 
 
+def test_a_stopped_atlas_goes_on_after_the_last_level(tmp_path, monkeypatch):
+    levels = (0, 1, 5)
+    axis = replace(AXES["dead bands"], levels=levels, views=(FOREST,))
+    monkeypatch.setattr(stability, "AXES", {"dead bands": axis})
+    monkeypatch.setattr(stability, "ALIKE", (("local",),))
+
+    class Stop(Exception):
+        pass
+
+    def stop(done, total, what):
+        if done == 2:
+            raise Stop
+
+    with pytest.raises(Stop):
+        stability.measure(tmp_path, ["dead bands"], stop)
+    first = rows.read_csv(tmp_path / "stability.csv", rows.settings())
+    assert {r["level"] for r in first} == {0, 1}
+    anew, measured = [], stability.measured
+
+    def counted(axis, level, *more):
+        anew.append(level)
+        return measured(axis, level, *more)
+
+    monkeypatch.setattr(stability, "measured", counted)
+    whole, _, _ = stability.measure(tmp_path, ["dead bands"])
+    assert anew == [5] and whole[: len(first)] == first
+    assert [r["level"] for r in whole] == list(levels)
+    assert (tmp_path / "atlas.md").exists() and (tmp_path / "atlas.png").exists()
+
+
 def test_rows_of_other_code_do_not_count(tmp_path, monkeypatch):
     table = tmp_path / "stability.csv"
     kept = [{"axis": "x", "level": 0.5, "scene": "s"}]
     rows.write_csv(table, kept)
-    assert stability.read(table, rows.settings()) == kept
+    assert rows.read_csv(table, rows.settings()) == kept
     monkeypatch.setattr(rows, "CODE", [])
-    assert stability.read(table, rows.settings()) == []
+    assert rows.read_csv(table, rows.settings()) == []
     # and are not lost for a few that are measured anew
     before = table.read_bytes()
     with pytest.raises(InputError, match=r"other axes \(x\); take another --out"):

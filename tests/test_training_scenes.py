@@ -1,6 +1,7 @@
 """Sets of training scenes: what is in a record, and that a set is the same however it is made."""
 
 import dataclasses
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -54,7 +55,7 @@ def test_records_hold_what_they_say(made):
         n, h = TINY.bands, TINY.size
         assert r.radiance.shape == r.texture.shape == (n, h, h)
         assert r.curves.shape == (len(r.names), n) and r.wavelength_um.shape == (n,)
-        for key in ("temperature_k", "sky_view", "sky_texture", "material"):
+        for key in ("temperature_k", "sky_view", "material"):
             assert getattr(r, key).shape == (h, h)
         kinds = {f.name: getattr(getattr(r, f.name), "dtype", None) for f in dataclasses.fields(r)}
         assert kinds.pop("texture") == np.float16 and kinds.pop("material") == np.uint8
@@ -195,6 +196,36 @@ def test_an_interrupted_run_ends_whole_and_can_be_taken_up(made, tmp_path, with_
     assert not [p.name for p in rest.folder.iterdir() if p.name.startswith(".")]
     rest.make(workers=1)
     assert {n: contents(rest)[n] for n in expected} == expected
+
+
+class Mortal(SceneSet):
+    """Its one worker, having made a scene, dies before it is given the next."""
+
+    def render(self, i):
+        if self.path(0).exists():
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().render(i)
+
+
+def test_a_worker_that_dies_is_said_to_have_died(tmp_path):
+    dying = Mortal(tmp_path, "train", 3, TINY)
+    with pytest.raises(InputError, match="a worker died"):
+        dying.make(workers=1)
+    assert dying.path(0).exists() and not dying.path(1).exists()
+
+
+def test_a_worker_that_dies_between_two_scenes_is_said_to_have_died(tmp_path):
+    some = SceneSet(tmp_path, "train", 3, TINY)
+
+    def kill(done, total):
+        if done:
+            (worker,) = multiprocessing.active_children()
+            worker.kill()
+            worker.join()
+
+    with pytest.raises(InputError, match="a worker died"):
+        some.make(workers=1, progress=kill)
+    assert some.path(0).exists()
 
 
 def test_a_made_set_is_not_made_again(made):

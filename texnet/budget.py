@@ -10,12 +10,12 @@ same time whatever the size, until one is fast enough.
 import csv
 import math
 import time
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 
 import numpy as np
 
-from physics.cube.heat_cube import HeatCube
 from physics.cube.hot import split_hot
 from physics.cube.prepared import prepared
 from physics.errors import InputError
@@ -117,7 +117,5 @@ def middle(cube, side):
 
 def _part(cube, rows, columns):
     dead = cube.dead[rows, columns]
-    return HeatCube(
-        cube.radiance[:, rows, columns].copy(), cube.wavelength_um, cube.fwhm_um, cube.netd_k,
-        None if dead.all() else dead, relative_noise=cube.relative_noise, quiet=cube.quiet,
-    )  # fmt: skip
+    part = cube.radiance[:, rows, columns].copy()
+    return replace(cube, radiance=part, dead=None if dead.all() else dead)

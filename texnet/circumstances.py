@@ -26,9 +26,11 @@ from physics.estimate import USUAL_OBJECTS, Sample, completed, estimate_environm
 from physics.lighting import with_usual_lighting
 from physics.machinery.blas import no_blas_threads
 
-from .camera.calibration import calibration, error_of_given, sky_is_likelier
+from .camera.calibration import calibration
 from .camera.correction import Calibration, corrected
 from .camera.distances import distances
+from .camera.given_environment import error_of_given
+from .camera.missing_sky import sky_is_likelier
 from .progress import compiling
 
 
@@ -74,13 +76,13 @@ def circumstances(
         environment = _at_true_bands(environment, cube, ready, library, seed)
     beyond = saturated(ready.cube)
     lap("bands")
-    cold, is_hot, _ = split_hot(ready.cube)
-    left_out = ready.cube.dead | beyond | is_hot
+    split = split_hot(ready.cube)
+    left_out = ready.cube.dead | beyond | split.hot
     how = dict(looks=looks, library=library, left_out=left_out)
     if environment is None:
-        found = _with_estimated(ready, cold, k, seed, how, lap, progress)
+        found = _with_estimated(ready, split, k, seed, how, lap, progress)
     else:
-        found = _with_given(ready, cold, environment, how, lap)
+        found = _with_given(ready, split.cold, environment, how, lap)
     allowing = partial(_allowing, found["environment_error_k"], found["found"].curves)
     environment = found["environment"]
     lit = with_usual_lighting(allowing(environment), found["cube"], library, left_out)
@@ -117,22 +119,22 @@ def _with_given(ready, cold, given, how, lap):
     )  # fmt: skip
 
 
-def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
-    """The same in an Environment of k objects that is estimated, and estimated again once the cube
-    is corrected; with a sky that is assumed, where that explains the pixels. Where its wavelengths
-    are off all of it is done again at those that it shows (moved)."""
+def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
+    """The same, of the Split of its cube, in an Environment of k objects that is estimated, and
+    estimated again once the cube is corrected; with a sky that is assumed, where that explains the
+    pixels. Where its wavelengths are off all of it is done again at those that it shows (moved)."""
     library = how["library"]
-    environment, objects, assumed = _surroundings(ready, cold, k, seed, how, lap, progress)
-    found = calibration(cold, environment, **how, moved=moved or assumed)
+    environment, objects, assumed = _surroundings(ready, split, k, seed, how, lap, progress)
+    found = calibration(split.cold, environment, **how, moved=moved or assumed)
     if found.shift_um:
         lap("calibration")
-        there = (of.moved(found.shift_um) for of in (ready, cold))
+        there = (of.moved(found.shift_um) for of in (ready, split))
         return _with_estimated(*there, k, seed, how, lap, progress, moved=True)
     estimate = partial(estimate_environment, library=library, k=objects, seed=seed)
     cube, off = ready.cube, None
     if found.air:
         clear = estimate(corrected(cube, found), assume_sky=assumed)
-        off = distances(cold, environment, clear, how["looks"](), len(library), found)
+        off = distances(split.cold, environment, clear, how["looks"](), len(library), found)
     if not found.keeps_cube:
         cube = corrected(cube, found, off)
         environment = estimate(cube, assume_sky=assumed)
@@ -143,10 +145,10 @@ def _with_estimated(ready, cold, k, seed, how, lap, progress, moved=False):
     )  # fmt: skip
 
 
-def _surroundings(ready, cold, k, seed, how, lap, progress):
+def _surroundings(ready, split, k, seed, how, lap, progress):
     """The Environment of a Prepared as it is, how many objects it was to have, and whether one of
     them is a sky that is assumed; arguments as there."""
-    sample = Sample(ready.cube, how["library"], seed)
+    sample = Sample(ready.cube, how["library"], seed, split)
 
     def supported(assume_sky=False):
         from physics.support import supported_count  # numba takes a second to load
@@ -165,8 +167,8 @@ def _surroundings(ready, cold, k, seed, how, lap, progress):
     assumed, under = False, sample.environment(objects, assume_sky=True)
     if under.sky:
         # what is not seen of a missing sky would look like wrong wavelengths
-        without = calibration(cold, environment, **how, moved=True)
-        assumed = sky_is_likelier(cold, environment, without, under, **how)
+        without = calibration(split.cold, environment, **how, moved=True)
+        assumed = sky_is_likelier(split.cold, environment, without, under, **how)
     if counting:
         objects = supported(assumed)
     return sample.environment(objects, assumed), objects, assumed

@@ -272,14 +272,12 @@ def finetune(args):
 @contextmanager
 def _training(cache):
     """Yield a progress report; says what is missing, or after Ctrl-C how to go on."""
-    from .progress import progress_bar
-
     try:
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as e:
         raise InputError(f"--cache: cannot make the folder {cache}: {e.strerror}.") from e
     try:
-        with progress_bar() as report:
+        with _resumable("from the last epoch") as report:
             yield report
     except ModuleNotFoundError as e:
         if e.name != "pytorch_lightning":
@@ -287,8 +285,18 @@ def _training(cache):
         raise InputError(
             "training needs pytorch-lightning; pip install -e '.[train]' in the checkout."
         ) from e
+
+
+@contextmanager
+def _resumable(where):
+    """Yield a progress report; says after Ctrl-C where the same command goes on."""
+    from .progress import progress_bar
+
+    try:
+        with progress_bar() as report:
+            yield report
     except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command goes on from the last epoch.") from None
+        raise KeyboardInterrupt(f"stopped; the same command goes on {where}.") from None
 
 
 def _scores(what, m):
@@ -335,18 +343,14 @@ def bench_accuracy(args):
     from benchmarks.accuracy import run, summary
 
     from .outputs import check_directory
-    from .progress import progress_bar
 
     files = "accuracy.csv", "confusion.csv", "methods.csv"
     check_directory(args.out, names=files)
-    try:
-        with progress_bar() as report:
-            rows, named = run(
-                args.out, args.scenes, args.bands, args.methods, args.finer,
-                "enclosed" if args.enclosed else "random", report,
-            )  # fmt: skip
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
+    with _resumable("after the last scene") as report:
+        rows, named = run(
+            args.out, args.scenes, args.bands, args.methods, args.finer,
+            "enclosed" if args.enclosed else "random", report,
+        )  # fmt: skip
     text = "\n".join([*summary(rows, named), f"{args.out}: {', '.join(files)}."])
     return text, {"command": "bench accuracy", "rows": rows}
 
@@ -355,10 +359,9 @@ def bench_stability(args):
     from benchmarks.stability import measure
 
     from .outputs import check_directory
-    from .progress import progress_bar
 
     check_directory(args.out, names=("stability.csv", "missing.csv", "atlas.png", "atlas.md"))
-    with progress_bar() as report:
+    with _resumable("after the last level") as report:
         rows, missing, faults = measure(args.out, args.axes, report)
     files = ["stability.csv", *["missing.csv"] * bool(missing), "atlas.png", "atlas.md"]
     text = "\n".join([*faults, f"{args.out}: {', '.join(files)}."])
@@ -369,14 +372,10 @@ def bench_chart(args):
     from benchmarks.chart import measure, table
 
     from .outputs import check_directory
-    from .progress import progress_bar
 
     check_directory(args.out, names=("chart.csv", "chart.png"))
-    try:
-        with progress_bar() as report:
-            result = measure(args.out, args.network, report)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command goes on after the last scene.") from None
+    with _resumable("after the last scene") as report:
+        result = measure(args.out, args.network, report)
     text = "\n".join([*table(result["medians"]), f"{args.out}: chart.csv, chart.png."])
     return text, {"command": "bench chart"} | result
 

@@ -193,14 +193,15 @@ def _runner(method, model, device):
         raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
     if model is not None and device != "cpu":
         raise InputError(f"--model: {model} runs on the CPU alone; give .safetensors.")
-    if method == "net" or device != "cpu":
+    if device != "cpu":
         from .learned import torch_model
 
         return torch_model(device=device)
     with loading():
-        from .runtime import Runtime, shipped_runtime
+        from .pipeline import shipped_model
+        from .runtime import Runtime
 
-    return (shipped_runtime() if model is None else Runtime(model)).run
+    return shipped_model(method) if model is None else Runtime(model).run
 
 
 def _of_pixels(saturated, dead, hot):

@@ -23,11 +23,11 @@ far to heed it, the network has learnt.
 """
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from physics.cube.heat_cube import HeatCube
 from physics.expected import Expected, Regions, among_all
 from physics.machinery import scratch
 
@@ -80,10 +80,8 @@ def from_afar(cube, step):
     means = np.stack([_patches(band, step) for band in scratch.parts(cube.radiance)])
     pixels = math.prod(min(PATCH, size) for size in cube.shape)
     dead = _all_dead(cube, step)
-    return HeatCube(
-        means, cube.wavelength_um, cube.fwhm_um, cube.netd_k / math.sqrt(pixels),
-        None if dead.all() else dead, relative_noise=cube.relative_noise, quiet=cube.quiet,
-    )  # fmt: skip
+    netd_k = cube.netd_k / math.sqrt(pixels)
+    return replace(cube, radiance=means, netd_k=netd_k, dead=None if dead.all() else dead)
 
 
 def _all_dead(cube, step):

@@ -39,9 +39,9 @@ class Look(NamedTuple):
 
 
 class Run(Protocol):
-    """The same as they are answered in the end, with progress: of those materials that are expected
-    (physics.expected.Expected) and, part by part, in Regions of the picture. lap(stage) is called
-    after each stage."""
+    """The final answer, maps by name as of a Look, with progress: of the materials that are
+    expected (physics.expected.Expected) and, in each of Regions of the picture, of those that are
+    held there. lap(stage) is called after each stage."""
 
     def __call__(self, environment, cube, seen, expected=None, regions=None, *, lap): ...
 

@@ -57,7 +57,7 @@ class TeX(NamedTuple):
     unknown: torch.Tensor
 
 
-class Seen(NamedTuple):
+class PixelInputs(NamedTuple):
     """Of P pixels, P the last axis everywhere: their spectra (bands, P), what they say by
     themselves, and what the network says."""
 
@@ -119,8 +119,8 @@ class TeXModel(nn.Module):
 
 
 def _answer(known, h, b, steps, *seen):
-    """TeX of pixels, of their Seen."""
-    seen = Seen(*seen)
+    """TeX of pixels, of their PixelInputs."""
+    seen = PixelInputs(*seen)
     materials, sky = known.is_sky.shape[0], known.is_sky
     log_row = _proposed(known, h, seen)
     score, row = log_row.topk(COMPARED, dim=0)

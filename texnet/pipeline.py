@@ -72,12 +72,12 @@ class Decomposition:
     hot                   True where a pixel is far hotter than the rest, and was solved apart
     wavelength_um         (bands,) um, as stated, of the bands that were used
     spectral_shift_um     um by which they were taken to be less than stated (negative: more)
-    gain, offset_k        of the camera, and
-    band_gains            (bands,), or 1, of its bands among each other, by which the cube was
-                          corrected: the maps are of (S - offset) / (gain band_gains), the offset
-                          being so many K at 300 K,
-    air_m, air_k          without so many metres of air between, of so many K; 0 and NaN where there
-                          is too little to tell
+    gain, offset_k        errors of all bands together that were taken out: the cube showed
+                          gain S + offset, the offset in K at 300 K; 1 and 0 where none was found
+    band_gains            (bands,) further factors of the bands among each other, taken out
+                          likewise; 1 where none was found
+    air_m, air_k          length, m, and temperature, K, of the air before the camera that was
+                          taken out; 0 and NaN where there is too little to tell
     air_error             one standard deviation of its optical depth, as a share of that, more
                           where usual air does not fit: bands are so much noisier, beyond netd_k
     air_error_k           K by which T would be another, were that much of it off in many bands

@@ -22,7 +22,7 @@ from .samples import OBJECTS, Sample, features
 TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
-class Seen(NamedTuple):
+class CalibratedCube(NamedTuple):
     """A HeatCube, prepared (`physics.cube.prepared`); whether a usual sky is assumed over it, by
     how much all of the library's curves may be off (`Environment.with_curves_off_by`), and
     (height, width) bool, the dead ones if None: pixels that say nothing of what lights them."""
@@ -34,8 +34,8 @@ class Seen(NamedTuple):
 
 
 class Crops(Dataset):
-    """Draw number i of what was Seen, each in its turn: an unlabelled Sample and its Stem, of at
-    most side x side pixels.
+    """Draw number i of some CalibratedCubes, each in its turn: an unlabelled Sample and its Stem,
+    of at most side x side pixels.
 
     The Sample has `known` and `radiance`; the rest, truth and a glance, is None. Raises InputError
     where the library does not cover a cube's bands.
@@ -70,4 +70,4 @@ class Crops(Dataset):
             if dead[at].mean() <= MOST_DEAD:
                 break
         radiance = radiance[:, *at]
-        return Sample(known, radiance, *[None] * 6), features(known, radiance)
+        return Sample(known, radiance), features(known, radiance)

@@ -26,7 +26,7 @@ from texnet.files.library_io import with_sky
 from texnet.learned import check_device, torch_model
 from texnet.methods import by_network
 
-from .crops import Crops, Seen
+from .crops import CalibratedCube, Crops
 from .reshade import ReshadedSet
 from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
 
@@ -122,11 +122,12 @@ def finetune(
 
 def calibrated(cube, library, network, device="cpu"):
     """What `decompose` makes of a HeatCube by a TeXNet with USUAL_OBJECTS before any pixel is
-    solved, as Seen: the cube that a right camera would have shown. Raises InputError as that does.
+    solved, as a CalibratedCube: the cube that a right camera would have shown. Raises InputError as
+    that does.
     """
     looks = by_network(library, torch_model(network, device=device)).looks
     of = circumstances(cube, library, looks, k=min(USUAL_OBJECTS, cube.measured_count))
-    return Seen(of.cube, of.sky_assumed, of.found.curves, of.left_out)
+    return CalibratedCube(of.cube, of.sky_assumed, of.found.curves, of.left_out)
 
 
 def _measure(module, draws):

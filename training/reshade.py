@@ -69,7 +69,7 @@ class ReshadedSet(SceneSet):
         cube, truth = self.shade(i, self.wavelength_um, self.fwhm_um, 0)
         return Record(
             cube.radiance, truth.texture.astype(np.float16), truth.temperature_k, truth.sky_view,
-            truth.sky_texture, truth.material.astype(np.min_scalar_type(len(self.library))),
+            truth.material.astype(np.min_scalar_type(len(self.library))),
             self.library.at(self.wavelength_um).astype(np.float32), self.library.names,
             self.wavelength_um, BASE_SEED[self.split] + i % self.count,
         )  # fmt: skip

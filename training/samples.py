@@ -49,23 +49,23 @@ class Glance(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Input and truth, for height x width pixels.
+    """Input and truth, for height x width pixels; of what is not labelled, input alone.
 
     known, radiance (bands, height, width)   as the network takes them
     material (height, width) int64 index into the library, temperature_k (height, width) K,
     texture (bands, height, width) W m-2 sr-1 um-1, sky_view (height, width) 0..1,
     ground (height, width) bool: not sky
-    glance                                   at the scene around it, or None
+    glance                                   at the scene around it, if any
     """
 
     known: Known
     radiance: torch.Tensor
-    material: torch.Tensor
-    temperature_k: torch.Tensor
-    texture: torch.Tensor
-    sky_view: torch.Tensor
-    ground: torch.Tensor
-    glance: Glance | None
+    material: torch.Tensor | None = None
+    temperature_k: torch.Tensor | None = None
+    texture: torch.Tensor | None = None
+    sky_view: torch.Tensor | None = None
+    ground: torch.Tensor | None = None
+    glance: Glance | None = None
 
 
 def draw(record, rng, side=None) -> Sample:

@@ -30,7 +30,7 @@ from physics.errors import InputError
 from physics.library import MaterialLibrary
 from physics.machinery.array_file import load_arrays, save_arrays
 from physics.machinery.provenance import provenance
-from physics.machinery.threads import cores
+from physics.machinery.threads import usual_threads
 from physics.machinery.whole_file import whole_file
 from physics.simulator import simulate
 from physics.simulator.presets.random_scene import enclosed_scene, random_scene
@@ -41,7 +41,7 @@ from .workers import deaf_to_ctrl_c
 # Seeds below 10,000 were looked at while the simulator was built and never train or test.
 BASE_SEED = {"train": 1_000_000, "validation": 2_000_000, "test": 3_000_000}
 MAX_SCENES = 100_000  # of a split; also the step to the seed that stands in for a bad one
-MAPS = "temperature_k", "sky_view", "sky_texture", "material"  # of a Record
+MAPS = "temperature_k", "sky_view", "material"  # of a Record
 MAX_TRIES = 10  # MAX_TRIES * MAX_SCENES seeds fit between two bases
 _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
 # of what is in a scene's file, or a traced one's
@@ -77,7 +77,6 @@ class Record:
     texture        (bands, height, width) float16 X, W m-2 sr-1 um-1
     temperature_k  (height, width) K
     sky_view       (height, width) V_sky, 0..1
-    sky_texture    (height, width) band mean of X with every emitter but the sky off
     material       (height, width) uint8 index into curves
     curves         (materials, bands) e of the scene's library at the centres
     names          (materials,) its names; one is "sky"
@@ -89,7 +88,6 @@ class Record:
     texture: np.ndarray
     temperature_k: np.ndarray
     sky_view: np.ndarray
-    sky_texture: np.ndarray
     material: np.ndarray
     curves: np.ndarray
     names: tuple[str, ...]
@@ -174,7 +172,7 @@ class SceneSet:
             raise InputError(f"scenes: cannot make the folder {self.folder}: {e.strerror}.") from e
         with whole_file(self.folder / "made.json") as part:
             part.write_text(json.dumps(self.in_words(), indent=2), encoding="utf-8")
-        for done, _ in enumerate(_in_processes(self, missing, workers or cores()), 1):
+        for done, _ in enumerate(_in_processes(self, missing, workers or usual_threads()), 1):
             if progress is not None:
                 progress(self.count - len(missing) + done, self.count)
 
@@ -241,8 +239,7 @@ def _render(settings, seed):
     )  # fmt: skip
     return Record(
         cube.radiance, truth.texture.astype(np.float16), truth.temperature_k, truth.sky_view,
-        truth.sky_texture, truth.material.astype(np.uint8), library.at(w).astype(np.float32),
-        library.names, w, seed,
+        truth.material.astype(np.uint8), library.at(w).astype(np.float32), library.names, w, seed,
     )  # fmt: skip
 
 
@@ -266,14 +263,18 @@ def _in_processes(scenes, missing, workers):
                 process.start()
                 theirs.close()  # so that their end closes when they end
                 free[pipe] = process
-        busy = {}
-        for pipe, i in zip(free, todo, strict=False):
-            with suppress(ConnectionError):  # it died; said below
+        busy = set()
+
+        def hand(pipe, i):
+            with suppress(ConnectionError):  # it died; said where it is waited for
                 pipe.send(i)
-            busy[pipe] = i
+            busy.add(pipe)
+
+        for pipe, i in zip(free, todo, strict=False):
+            hand(pipe, i)
         while busy:
             for pipe in wait(list(busy)):
-                del busy[pipe]
+                busy.remove(pipe)
                 try:
                     error = pipe.recv()
                 except (EOFError, ConnectionError) as e:
@@ -285,8 +286,7 @@ def _in_processes(scenes, missing, workers):
                     raise error
                 i = next(todo, None)
                 if i is not None:
-                    pipe.send(i)
-                    busy[pipe] = i
+                    hand(pipe, i)
                 yield
     finally:
         for pipe, process in free.items():

@@ -28,7 +28,7 @@ import physics
 import texnet
 from physics.errors import InputError
 from physics.machinery.provenance import provenance
-from physics.machinery.threads import cores
+from physics.machinery.threads import usual_threads
 from physics.machinery.whole_file import whole_file
 from texnet.files.weights import save_network
 from texnet.learned import check_device
@@ -46,7 +46,7 @@ TOGETHER = 4  # scenes whose gradients are averaged
 PER_EPOCH = 320  # draws between two checkpoints
 SCENES, VALIDATION_SCENES, EPOCHS = 1600, 40, 60
 VALIDATION_SEED = 7
-WORKERS = cores()  # processes that make draws
+WORKERS = usual_threads()  # processes that make draws
 
 
 def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", progress=None):

@@ -75,9 +75,9 @@ class HeatCube(ReadOnly):
     relative_noise  (bands,) noise of each band over that which netd_k says, where a camera's bands
                    differ, or as air leaves it that was taken out (`texnet.camera.correction`);
                    1 of all if None; not kept in files
-    quiet          (bands,) share of that noise's variance by which pixels do not scatter, 0 to 1:
-                   where a camera has less noise than a model leaves out (`prepared`); 0 of all if
-                   None; not kept in files
+    quiet          (bands,) share of that noise's variance, 0 to 1, that is the model's error and
+                   not the camera's noise, so that pixels do not scatter by it (`prepared`); 0 of
+                   all if None; not kept in files
 
     Raises InputError, in one sentence, where the data are not that.
     """
@@ -145,16 +145,10 @@ class HeatCube(ReadOnly):
             quiet = numbers(self.quiet, "cube: quiet").astype(np.float64)
         if quiet.shape != w.shape or not ((quiet >= 0) & (quiet <= 1)).all():
             raise InputError("cube: quiet must hold one number from 0 to 1 per band.")
-        for array in (s, width, dead, relative, quiet):
-            array.setflags(write=False)
-        object.__setattr__(self, "radiance", s)
-        object.__setattr__(self, "wavelength_um", w)
-        object.__setattr__(self, "fwhm_um", width)
-        object.__setattr__(self, "dead", dead)
-        object.__setattr__(self, "relative_noise", relative)
-        object.__setattr__(self, "quiet", quiet)
-        if self.netd_k is not None:
-            object.__setattr__(self, "netd_k", float(netd))
+        self._set(
+            radiance=s, wavelength_um=w, fwhm_um=width, dead=dead, relative_noise=relative,
+            quiet=quiet, netd_k=None if self.netd_k is None else float(netd),
+        )  # fmt: skip
 
     def __repr__(self):
         w, (height, width) = self.wavelength_um, self.shape

@@ -12,19 +12,29 @@ Found on 21 path-traced scenes of no split in 9 and 54 bands, in each of which a
 """
 
 from dataclasses import replace
-from weakref import WeakKeyDictionary
+from typing import NamedTuple
 
 import numpy as np
 
 from ..machinery import scratch
 from ..planck import brightness_temperature, planck, planck_derivative
-from .heat_cube import MAX_NETD_K
+from .heat_cube import MAX_NETD_K, HeatCube
 
 FAR_K, HOT_K = 50.0, 350.0  # above half of the pixels, and above what the sun heats
 LIT, KNOWN = 0.05, 0.005
 
 
-_SPLIT = WeakKeyDictionary()  # a cube is split wherever it is looked at
+class Split(NamedTuple):
+    """A HeatCube without the pixels that are far hotter than the rest, the same if there are none;
+    which (height, width) those are; and their radiance (bands, n)."""
+
+    cold: HeatCube
+    hot: np.ndarray
+    alone: np.ndarray
+
+    def moved(self, shift_um):
+        """The Split whose bands are taken to be so many um less than they were."""
+        return self._replace(cold=self.cold.moved(shift_um))
 
 
 def far_hotter(cube):
@@ -39,21 +49,14 @@ def far_hotter(cube):
 
 
 def split_hot(cube):
-    """A HeatCube without the pixels that are far hotter than the rest (itself if there are none),
-    which (height, width) those are, and their radiance (bands, n)."""
-    if cube not in _SPLIT:
-        _SPLIT[cube] = _split(cube, far_hotter(cube))
-    cold, hot, alone = _SPLIT[cube]
-    return (cube if cold is None else cold), hot, alone
-
-
-def _split(cube, hot):
+    """The Split of a HeatCube."""
+    hot = far_hotter(cube)
     if not hot.any():
-        return None, hot, np.empty((cube.bands, 0), np.float32)
+        return Split(cube, hot, np.empty((cube.bands, 0), np.float32))
     alone = scratch.empty((cube.bands, np.count_nonzero(hot)), np.float32)
     for to, band in zip(alone, scratch.parts(cube.radiance), strict=True):
         to[:] = band[hot]
-    return replace(cube, dead=cube.dead | hot), hot, alone
+    return Split(replace(cube, dead=cube.dead | hot), hot, alone)
 
 
 def spread_of_hot(hot, pixels):

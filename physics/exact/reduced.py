@@ -62,7 +62,8 @@ from ..prior import (
     MIN_TEMPERATURE_SPREAD_K,
     V_PRECISION,
     Mixtures,
-    Pixels,
+    SampledSpectra,
+    deviations,
     lighting_scale,
     usual_temperature,
 )
@@ -174,7 +175,10 @@ def reduce_model(
     light = environment.at_nodes(nodes)
     light = np.einsum("mbn,kbn->mkb", 1 - curves, light)[of.material] / nodes.shape[1]
     reflected = (1 - of.sky_share)[:, None] * (1 - emissivity)  # what of the surroundings shows
-    a, u = _rows(of, series, light, reflected, environment, sigma, planck(w, t.prior_mean))
+    sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
+    alpha_step = of.share_sigma[:, None] * (sky_mean - planck(nodes, t.prior_mean).mean(axis=-1))
+    a = _rows(of, series, light, sky_mean, sigma)
+    u = deviations(of, reflected, environment, alpha_step, sigma)
     error = noise_sigma(w, environment.error_k) / sigma
     scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
@@ -227,7 +231,7 @@ class Temperatures(NamedTuple):
 
 
 def _temperatures(cube, environment):
-    pixels = Pixels.of(cube)
+    pixels = SampledSpectra.of(cube)
     # the darkest and the brightest that every band saw: no pixel lies beyond
     ends = np.array([(s.min(), s.max()) for s in scratch.parts(cube.radiance)], np.float64)
     ends = brightness_temperature(cube.wavelength_um, ends.T).mean(axis=1)
@@ -245,24 +249,12 @@ def _mixtures(library, environment):
     return Mixtures(*(a[there] for a in of))
 
 
-def _rows(of, series, light, reflected, environment, sigma, black):
-    """A' (R, r, bands) and U' (R, d, bands) of Mixtures; light (R, k, bands) is (1 - e_m) S_j,
-    black (bands,) B(T_prior)."""
-    share, reflected = of.sky_share[:, None, None], reflected[:, None]
-    sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
+def _rows(of, series, light, sky_mean, sigma):
+    """A' (R, r, bands) of Mixtures; light (R, k, bands) is (1 - e_m) S_j."""
+    share = of.sky_share[:, None, None]
     a = np.concatenate([(1 - share) * series, (1 - share) * light / sigma], axis=1)
     a[:, 0] += share[:, 0] * sky_mean / sigma
-    u = np.concatenate(
-        [
-            reflected * environment.spread / sigma,
-            reflected * environment.skylight_spread / sigma,
-            (1 - share) * (environment.curve_spread / sigma),
-            share * environment.sky_spread / sigma,
-            of.share_sigma[:, None, None] * ((sky_mean - black) / sigma),
-        ],
-        axis=1,
-    )
-    return a, u
+    return a
 
 
 def _free(k, terms, t):

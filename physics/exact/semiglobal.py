@@ -37,6 +37,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from scipy.special import softmax
 
 from ..errors import InputError
 from ..machinery.compiled import compiled
@@ -116,7 +117,7 @@ def unsmoothed(local: LocalSolution) -> Smoothed:
     )  # fmt: skip
     return Smoothed(
         state=state, sigma_k=local.sigma_k[p, m].astype(np.float64),
-        probability=_softmax(-local.energy), objective=(),
+        probability=softmax(-local.energy, axis=1), objective=(),
     )  # fmt: skip
 
 
@@ -216,7 +217,7 @@ class Objective:
 
     def mean_field(self):
         """(P, L) float32 material probabilities with the Potts term, by mean field."""
-        q = _softmax(-self.unary)
+        q = softmax(-self.unary, axis=1)
         for _ in range(MEAN_FIELD_SWEEPS):
             for colour in (0, 1):  # all pixels at once would go to and fro for ever
                 _mean_field(colour, self.unary, self.edges, q)
@@ -261,11 +262,6 @@ def _neighbours(a):
     yield np.concatenate([a[1:], a[-1:]])
     yield np.concatenate([a[:, :1], a[:, :-1]], 1)
     yield np.concatenate([a[:, 1:], a[:, -1:]], 1)
-
-
-def _softmax(x):
-    e = np.exp(x - x.max(axis=1, keepdims=True))
-    return e / e.sum(axis=1, keepdims=True)
 
 
 @compiled(inline="always")

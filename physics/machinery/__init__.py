@@ -1,4 +1,4 @@
-"""How large things are held and worked on. The map:
+"""What the physics runs on: files, read-only values, threads, tiles, compiled loops. The map:
 
 whole_file  a file is written whole or not at all
 json_file   JSON that people write

@@ -4,15 +4,13 @@ import os
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
 
-def cores():
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-
-
 def usual_threads():
-    """As many as there are cores, or OMP_NUM_THREADS, as other packages have it."""
+    """As many as there are cores that this process may use, or OMP_NUM_THREADS if that is less, as
+    other packages have it."""
+    able = hasattr(os, "sched_getaffinity")
+    cores = len(os.sched_getaffinity(0)) if able else os.cpu_count()
     most = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0]
-    return min(cores(), int(most)) if most.isdecimal() and int(most) else cores()
+    return min(cores, int(most)) if most.isdecimal() and int(most) else cores
 
 
 def in_threads(work, items, threads, progress=None):

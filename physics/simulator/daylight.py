@@ -14,7 +14,7 @@ the sun in a mirror is left out. A closed scene is lit from the camera, and its 
 import numpy as np
 
 from ..machinery.compiled import compiled
-from .trace import SKY
+from .trace import ESCAPED
 
 SUN_RGB = np.array([0.85, 0.78, 0.66])  # low sun, yellowish
 SKY_RGB = np.array([0.32, 0.40, 0.52])  # light of the whole sky
@@ -39,13 +39,13 @@ def _daylight(start, material, sun, spp, albedo, weight, sun_rgb, sky_rgb, seen_
     for path in range(len(start) - 1):
         total, first = rgb[path // spp], start[path]
         for c in range(3):
-            if material[first] == SKY:
+            if material[first] == ESCAPED:
                 total[c] += seen_sky_rgb[c]
                 continue
             w = 1.0
             for at in range(first, start[path + 1]):
                 m = material[at]
-                if m == SKY:
+                if m == ESCAPED:
                     total[c] += w * sky_rgb[c]
                 else:
                     total[c] += w * albedo[m, c] * sun[at] * sun_rgb[c]

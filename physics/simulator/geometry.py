@@ -6,8 +6,8 @@ a polar grid for terrain (equally fine in angle as seen from its centre), a swep
 trunks, limbs and car bodies, a subdivided icosahedron for rocks. Foliage and grass are
 real small polygons, one leaf or blade at a time.
 
-Lengths are metres, z points up. Functions return `trimesh.Trimesh`; random ones take a seed
-or a numpy Generator and repeat themselves exactly.
+Lengths are metres, z points up. Functions return `trimesh.Trimesh`; random ones take a seed,
+or a numpy Generator where it is called rng, and repeat themselves exactly.
 """
 
 import functools

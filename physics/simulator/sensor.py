@@ -16,7 +16,7 @@ import numpy as np
 from ..bands import quadrature
 from ..cube.heat_cube import check_wavelength
 from ..errors import InputError
-from ..machinery.threads import cores, in_threads
+from ..machinery.threads import in_threads, usual_threads
 from ..planck import noise_sigma, planck
 
 CELL_UM = 0.02  # between the wavelengths that a cell is averaged over, at most
@@ -61,7 +61,7 @@ class Bands:
             w, index = np.unique(self.fine_um + offset * self.cell_um, return_inverse=True)
             return spectrum(w)[..., index]
 
-        return sum(in_threads(at, (np.arange(count) + 0.5) / count - 0.5, cores())) / count
+        return sum(in_threads(at, (np.arange(count) + 0.5) / count - 0.5, usual_threads())) / count
 
     def average(self, spectrum):
         """(..., n) of cells -> (..., bands) band means."""

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..machinery.compiled import compiled
 from ..planck import planck
-from .trace import SKY
+from .trace import ESCAPED
 
 TEMPERATURE_STEP_K = 1 / 32
 SKY_ROWS = 513
@@ -80,16 +80,16 @@ class Shader:
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class ShadedPixels:
     """What a block of pixels is worth; means over a pixel's samples.
 
     radiance       (pixels, n) S over all samples; the rest is over the samples whose first
                    surface is of the pixel's majority kind (the lowest index if tied)
-    material       (pixels,) uint16 kind of the majority material, or SKY
-    temperature_k  (pixels,) NaN for SKY
-    texture        (pixels, n) X; where the material is SKY, the radiance of the sky
+    material       (pixels,) uint16 kind of the majority material, or ESCAPED
+    temperature_k  (pixels,) NaN for ESCAPED
+    texture        (pixels, n) X; where the material is ESCAPED, the radiance of the sky
     sky_texture    (pixels, n) X with every emitter but the sky switched off; likewise
-    sky_view       (pixels,) fraction of first bounces that leave for the sky; 1 for SKY
+    sky_view       (pixels,) fraction of first bounces that leave for the sky; 1 for ESCAPED
     """
 
     radiance: np.ndarray
@@ -101,10 +101,10 @@ class Pixels:
 
 
 def shade(paths, shader, spp):
-    """Paths, spp per pixel -> Pixels."""
+    """Paths, spp per pixel -> ShadedPixels."""
     first = paths.material[paths.start[:-1]]
-    sky = first == SKY
-    kind = np.where(sky, SKY, shader.kind[np.where(sky, 0, first)]).reshape(-1, spp)
+    sky = first == ESCAPED
+    kind = np.where(sky, ESCAPED, shader.kind[np.where(sky, 0, first)]).reshape(-1, spp)
     material = _majority(kind, shader.kind.max() + 1)
     n = shader.glow.shape[1]
     sums = [np.zeros((len(material), n)) for _ in range(3)]
@@ -114,7 +114,7 @@ def shade(paths, shader, spp):
     )  # fmt: skip
     count, temperature, sky_view = scalars
     counted = count[:, None]
-    return Pixels(
+    return ShadedPixels(
         sums[0] / spp, material, temperature / count, sums[1] / counted, sums[2] / counted,
         sky_view / count,
     )  # fmt: skip
@@ -125,18 +125,18 @@ def _majority(first, kinds):
     """(pixels,) most frequent kind among the first surfaces (pixels, spp)."""
     majority = np.empty(len(first), np.uint16)
     for p in range(len(first)):
-        count = np.zeros(kinds + 1, np.int64)  # the last one counts SKY
+        count = np.zeros(kinds + 1, np.int64)  # the last one counts ESCAPED
         for m in first[p]:
             count[min(m, kinds)] += 1
         best = np.argmax(count)
-        majority[p] = best if best < kinds else SKY
+        majority[p] = best if best < kinds else ESCAPED
     return majority
 
 
 @compiled(nogil=True)
 def _read(material, value, glow, coldest, sky, out):
     """Fill out (n,) with B_d of one path vertex."""
-    if material == SKY:
+    if material == ESCAPED:
         x = np.sqrt(min(max(value, np.float32(0)), np.float32(1))) * np.float32(len(sky) - 1)
         table = sky
     else:
@@ -169,7 +169,7 @@ def _shade(
             path, counts = p * spp + sample, chosen[p, sample]
             a, end = start[path], ends[path]
             _read(material[a], value[a], glow, coldest, sky, first)
-            if material[a] == SKY:
+            if material[a] == ESCAPED:
                 for j in range(n):
                     s[j] += first[j]
                 if counts:
@@ -205,7 +205,7 @@ def _shade(
                 temperature[p] += value[a]
                 for j in range(n):
                     t_x[j] += x[j]
-                if end > a + 1 and material[end - 1] == SKY:
+                if end > a + 1 and material[end - 1] == ESCAPED:
                     if end == a + 2:
                         sky_view[p] += 1
                         for j in range(n):

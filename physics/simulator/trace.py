@@ -30,7 +30,7 @@ from ..machinery.compiled import compiled
 from .geometry import normals
 
 ENDS, DAY, HEAT = 0, 1, 2  # how a path goes on: not, for daylight alone, for heat and daylight
-SKY = 65535  # stands in Paths.material where a ray leaves for the sky
+ESCAPED = 65535  # stands in Paths.material where a ray leaves for the sky
 ORIGIN_STEP_M = 1024.0
 LEAK_FRACTION = 1e-4  # float32 lets a few bounces slip through the corners of a closed room
 
@@ -41,8 +41,8 @@ class Paths:
 
     start     (paths + 1,) int64; the samples of one pixel follow each other
     end       (paths,) int64; rows from end[p] on are of daylight alone
-    material  (vertices,) uint16 library index, or SKY
-    value     (vertices,) float32 temperature in K; for SKY the cosine of the zenith angle
+    material  (vertices,) uint16 library index, or ESCAPED
+    value     (vertices,) float32 temperature in K; for ESCAPED the cosine of the zenith angle
     sun       (vertices,) float32 share of the sun's light that a surface there scatters, but for
               its albedo: the cosine between normal and sun times the share that is no mirror, 0
               in shadow; without an atmosphere the cosine towards the camera, for surface 0 alone
@@ -246,7 +246,7 @@ def _bounce(
     for r in range(n):
         f = facet[r]
         if f < 0:
-            material[r] = SKY
+            material[r] = ESCAPED
             value[r] = incoming[r, 2]
             continue
         m = material_of[f]
@@ -323,7 +323,7 @@ def _pack(n, depths, closed):
     """
     length, of_heat = np.zeros(n + 1, np.int64), np.zeros(n, np.int64)
     if closed:
-        depths = [tuple(a[d[1] != SKY] for a in d) for d in depths]
+        depths = [tuple(a[d[1] != ESCAPED] for a in d) for d in depths]
     for path, *_, hot in depths:
         length[path + 1] += 1
         of_heat[path[hot]] += 1

@@ -18,16 +18,16 @@ import numpy as np
 
 from ..cube.heat_cube import MAX_NETD_K, TYPICAL_K, HeatCube
 from ..errors import Implausible, InputError
-from ..library import SKY as SKY_NAME
+from ..library import SKY
 from ..machinery.array_file import load_arrays, save_arrays
-from ..machinery.threads import cores, in_threads
+from ..machinery.threads import in_threads, usual_threads
 from ..planck import planck
 from ..sky import Atmosphere, sky_radiance
 from ..truth import Truth
 from .daylight import daylight
 from .sensor import FLOOR_K, Bands, add_noise
 from .shade import Shader, shade
-from .trace import SKY, Paths, Tracer, roulette
+from .trace import ESCAPED, Paths, Tracer, roulette
 
 PATHS_PER_BLOCK = 2**16  # some 10 MB of rays and paths, and a quarter of a second
 OF_NOISE = 0  # which of a seed's random numbers
@@ -115,14 +115,14 @@ class TracedScene:
             material[at] = result.material
             visible[at] = daylight(paths, albedo_rgb, self.spp, self.atmosphere is None)
 
-        in_threads(render, range(len(spans)), cores(), progress)
+        in_threads(render, range(len(spans)), usual_threads(), progress)
 
         floor = planck(bands.wavelength_um[:, None], FLOOR_K)
         for light in (s, x):
             np.copyto(light, floor, where=light < 0, casting="same_kind")
-        of_sky = material == SKY
+        of_sky = material == ESCAPED
         if of_sky.any() and library.sky_index is None:
-            raise InputError(f"simulate: the camera sees sky, but the library has no {SKY_NAME!r}.")
+            raise InputError(f"simulate: the camera sees sky, but the library has no {SKY!r}.")
         e = bands.average(emissivity).T.astype(np.float32)[:, np.where(of_sky, 0, material)]
         if of_sky.any():
             air = self.atmosphere.air_temperature_k
@@ -176,7 +176,9 @@ class TracedScene:
             # The smallest integers that hold them; most files need one byte each.
             "vertices": vertices.astype(np.min_scalar_type(vertices.max())),
             "of_heat": of_heat.astype(np.min_scalar_type(of_heat.max())),
-            "material": np.where(material == SKY, sky, material).astype(np.min_scalar_type(sky)),
+            "material": np.where(material == ESCAPED, sky, material).astype(
+                np.min_scalar_type(sky)
+            ),
             "value": join("value"),
             "sun": join("sun"),
         }
@@ -202,7 +204,7 @@ class TracedScene:
         if min(*size, spp) < 1:
             raise ValueError
         material = a["material"].astype(np.uint16)
-        material[material == sky] = SKY
+        material[material == sky] = ESCAPED
         start = np.concatenate([[0], np.cumsum(a["vertices"], dtype=np.int64)])
         of_path, of_vertex = {size[0] * size[1] * spp}, {int(start[-1])}
         if {len(a[key]) for key in ("vertices", "of_heat")} != of_path:
@@ -222,7 +224,7 @@ class TracedScene:
                       a["value"][at], a["sun"][at], a["roulette"], a["day_roulette"])
             )  # fmt: skip
         low, high = a["temperature_range_k"]
-        of_surfaces = a["value"][material != SKY]
+        of_surfaces = a["value"][material != ESCAPED]
         coldest, hottest = of_surfaces.min(initial=high), of_surfaces.max(initial=low)
         if not low - ROUNDING_K <= coldest <= hottest <= high + ROUNDING_K:
             raise ValueError
@@ -251,7 +253,7 @@ def trace_scene(scene, size, spp, seed, library):
     """
     scene = trace_on_demand(scene, size, spp, seed, library)
     every = range(len(scene.blocks))
-    blocks = in_threads(scene.blocks.__getitem__, every, cores())
+    blocks = in_threads(scene.blocks.__getitem__, every, usual_threads())
     return replace(scene, blocks=tuple(blocks))
 
 

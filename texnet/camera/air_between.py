@@ -27,7 +27,7 @@ WORTH = 0.3  # nats per pixel
 def air_between(nats_of, air_of, about_k, start=RIGHT):
     """The Calibration of start with the Air by which the pixels are likeliest; start if none is.
 
-    nats_of  Nats of the pixels, corrected by a Calibration
+    nats_of  NegativeLogEvidence of the pixels, corrected by a Calibration
     air_of   (metres, K) -> Air
     about_k  what the air is about as warm as, or some K warmer, K
     """

@@ -39,7 +39,7 @@ def likeliest_curves(nats_of, found, rivals=()):
     """Off, a Calibration found and with it that of ERRORS by which pixels are likeliest; None where
     that is worth too little, a rival is likelier, or it is the largest.
 
-    nats_of  Nats of the pixels (P,), corrected by a Calibration
+    nats_of  NegativeLogEvidence of the pixels (P,), corrected by a Calibration
     rivals   Calibrations that may be right instead
     """
     for some in (FIRST, ERRORS):

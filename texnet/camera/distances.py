@@ -21,7 +21,7 @@ from physics.prior import like_sky
 
 from ..glance import PATCH, from_afar
 from .correction import Distances, behind, corrected, lifted_nats
-from .nats import Nats
+from .nats import NegativeLogEvidence
 from .one_error import lowest
 
 OCTAVES = np.arange(-5.0, 5.0)  # of d / d_0 that are tried
@@ -49,7 +49,9 @@ def distances(cube, environment, clear, look, materials, found):
         except Implausible:  # nothing looks like that
             return np.full(afar.shape, np.inf)
 
-    octaves = likeliest_octaves(found, Nats(of, look.at_once), afar, among_neighbours)
+    octaves = likeliest_octaves(
+        found, NegativeLogEvidence(of, look.at_once), afar, among_neighbours
+    )
     farther = Expected(octaves[None].astype(np.float32), step).of_tile(0, 0, *cube.shape)[0]
     usual = np.float32(found.air.metres)
     return Distances(usual * 2**farther, far(usual * 2**octaves, afar, environment))
@@ -74,7 +76,7 @@ def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
     """(height, width) octaves by which what a HeatCube shows is farther than found, a Calibration
     with the Air of the whole picture, says.
 
-    nats_of  Nats of the pixels, corrected by a Calibration
+    nats_of  NegativeLogEvidence of the pixels, corrected by a Calibration
     among    (octaves, height, width) nats -> their mean among those that are likely as far
     """
     # by one error of its air: by its own, more air would be likelier for its noise alone

@@ -8,7 +8,7 @@ import numpy as np
 from physics.machinery.threads import in_threads
 
 
-class Nats:
+class NegativeLogEvidence:
     """Minus log evidence, nats, of pixels, (P,) or (height, width), infinite where nothing looks
     like that: of(what), computed once for each what, which is hashable, mostly a Calibration.
 

@@ -80,7 +80,7 @@ def one_error(nats_of, sky, kinds):
     """The Calibration by which the pixels are likeliest, RIGHT if none is taken; and then those of
     LEVELS that are suspected.
 
-    nats_of  Nats of the pixels, corrected by a Calibration
+    nats_of  NegativeLogEvidence of the pixels, corrected by a Calibration
     sky      whether it is in view
     kinds    of errors that are looked for
 

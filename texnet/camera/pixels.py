@@ -1,0 +1,154 @@
+"""Some pixels of a cube, of which is asked how well they fit what may be wrong with the camera."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from physics.bands import quadrature
+from physics.cube.heat_cube import HeatCube
+from physics.environment import Environment
+from physics.errors import Implausible
+from physics.library import MaterialLibrary
+from physics.machinery import scratch
+from physics.planck import planck, planck_derivative
+from physics.prior import like_sky
+
+from ..methods import Look
+from .correction import Distances, corrected, corrected_environment, lifted_nats
+from .distances import far, likeliest_octaves
+from .misfit import few, left_of
+from .nats import NegativeLogEvidence
+
+LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
+LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
+LEAST_OBJECTS = 2
+SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them among
+QUARTER = 0.25  # of the pixels: those that fit best
+MOST = 0.68  # of the pixels, as of errors within a standard deviation
+
+
+class SampledPixels:
+    """Pixels of a HeatCube (`sample`) in an Environment, and looks, a `methods.Method`'s, which
+    explain them by a MaterialLibrary, or by those of its materials that are seen, as indices."""
+
+    def __init__(
+        self,
+        cube: HeatCube,
+        environment: Environment,
+        library: MaterialLibrary,
+        looks: Callable[[], Look],
+        seen: np.ndarray | None = None,
+    ):
+        self.cube, self.environment, self.library, self.looks = cube, environment, library, looks
+        self.seen = np.arange(len(library)) if seen is None else seen
+        self._distances = {}  # by (Calibration, noise): they are asked for again and again
+
+    @property
+    def tell_bands_from_curves(self):
+        """Whether what is left can say which of them is wrong: too much of few bands is explained,
+        and what a single object misses, it misses in all materials."""
+        return not few(self.cube) and len(self.environment) >= LEAST_OBJECTS
+
+    def maps(self, environment, cube, look=None):
+        """Maps of a HeatCube of the pixels by a Look, one of their own if None."""
+        return (look or self.looks())(environment, cube, self.seen)
+
+    def corrected_maps(self, c, noise):
+        """Maps of the pixels corrected by a Calibration, at the distances that are likeliest at a
+        noise."""
+        taken = corrected(self.cube, c, self.distances(c, noise))
+        return self.maps(corrected_environment(self.environment, c), taken)
+
+    def nats_of(self):
+        """NegativeLogEvidence of the pixels, corrected by a Calibration, by a Look of their own."""
+        look = self.looks()
+        return NegativeLogEvidence(partial(self.nats, look), look.at_once)
+
+    def nats(self, look, c):
+        """(P,) minus the log evidence of the pixels corrected by a Calibration, infinite if
+        none."""
+        try:
+            surroundings, cube = corrected_environment(self.environment, c), corrected(self.cube, c)
+            if not self.library.covers(quadrature(cube.wavelength_um, cube.fwhm_um)).all():
+                return np.full(cube.radiance[0].size, np.inf)
+            nats = -self.maps(surroundings, cube, look)["log_evidence"].astype(np.float64)
+            nats = (nats + lifted_nats(self.cube, c)).ravel()
+        except Implausible:  # nothing looks like that
+            return np.full(self.cube.radiance[0].size, np.inf)
+        return np.where(np.isfinite(nats), nats, np.inf)
+
+    def distances(self, c, noise):
+        """Distances that are likeliest at a noise, by a Calibration's Air; None without."""
+        if not c.air:
+            return None
+        if (c, noise) not in self._distances:
+            octaves = likeliest_octaves(c._replace(noise=noise), self.nats_of(), self.cube)
+            metres = c.air.metres * 2**octaves
+            at = Distances(metres, far(metres, self.cube, self.environment))
+            self._distances[c, noise] = at
+        return self._distances[c, noise]
+
+    def contrast_k(self, c, noise):
+        """K by which half of the ground differs from the Air of a Calibration, in the band that it
+        lets most through, at the distances that are likeliest at a noise; 0 where all is sky."""
+        ground = ~like_sky(self.cube.spectra, self.environment, self.cube.sigma)
+        if not ground.any():
+            return 0.0
+        band, air_k = int(np.argmax(c.air.transmittance)), c.air.temperature_k
+        w = self.cube.wavelength_um[band]
+        s = corrected(self.cube, c, self.distances(c, noise)).radiance[band].ravel()[ground]
+        return float(np.median(np.abs(s - planck(w, air_k))) / planck_derivative(w, air_k))
+
+    def moved_k(self, maps, other):
+        """K by which T of most of the ground of maps differs from that of others."""
+        moved = np.abs(maps["temperature_k"] - other["temperature_k"])
+        moved = moved[(maps["material"] != self.library.sky_index) & np.isfinite(moved)]
+        return float(np.quantile(moved, MOST)) if moved.size >= LEAST_GROUND else 0.0
+
+    def quartile(self, maps):
+        """What is left, in noise units, even of the ground's pixels that fit best; 0 where there
+        are too few to say."""
+        residual = maps["residual"][maps["material"] != self.library.sky_index]
+        residual = residual[np.isfinite(residual)]
+        return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
+
+    def left(self, c, distances=None):
+        """`quartile` of what is corrected by a Calibration, at Distances, in noise units as stated
+        (`misfit`)."""
+        stated = corrected(self.cube, c, distances).netd_k
+
+        def at(noise):
+            noisy = c._replace(noise=noise)
+            taken = corrected(self.cube, noisy, distances)
+            maps = self.maps(corrected_environment(self.environment, noisy), taken)
+            return self.quartile(maps) * (taken.netd_k / stated)
+
+        return left_of(at, rises=few(self.cube))
+
+
+def sample(cube, left_out=None):
+    """A HeatCube of about SAMPLES of its pixels, in rows and columns; row by row without those that
+    are left out, (height, width) bool. None where too few bands or pixels are there to say
+    anything."""
+    if cube.bands < LEAST_BANDS:
+        return None
+    height, width = cube.shape
+    good = np.ones(cube.shape, bool) if left_out is None else ~left_out
+    pixels = min(SAMPLES * good.size // max(1, np.count_nonzero(good)), MOST_SAMPLES)
+    down = min(max(1, int((height * width / pixels) ** 0.5)), height)
+    across = max(1, -(-height // down) * width // pixels)
+    if across > width:  # of a narrow picture one column says enough
+        down = height // pixels
+    bands = scratch.parts(cube.radiance)
+    radiance = np.stack([band[::down, ::across] for band in bands])
+    good = good[::down, ::across]
+    there = np.flatnonzero(good)
+    if there.size < LEAST_PIXELS:
+        return None
+    if there.size < good.size:
+        columns = min(good.shape[1], there.size)
+        there = there[: there.size // columns * columns].reshape(-1, columns)
+        radiance = radiance.reshape(cube.bands, -1)[:, there]
+    return replace(cube, radiance=radiance, dead=None)
