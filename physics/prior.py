@@ -8,7 +8,9 @@ from .planck import brightness_temperature
 
 MIN_TEMPERATURE_SPREAD_K = 15.0  # a scene's temperatures are never known better a priori
 SAMPLES = 20_000  # pixels to look at
-SKY_CHI2 = 9.0  # per band, within which a pixel looks like the sky's
+# within which a pixel looks like the sky's: per band, and of each of the sky's deviations, along
+# which air as warm as the ground may lie
+SKY_CHI2, SKY_SIGMAS = 9.0, 2.5
 # where fewer than FEW of the pixels look unlike the sky, noise may hide the rest of the ground; if
 # those few are FAR_K warmer than all others, they are not what is usual
 FEW, FAR_K = 0.05, 15.0
@@ -116,8 +118,9 @@ def like_sky(spectra, environment, sigma):
     if environment.sky_mean is None:
         return np.zeros(len(spectra), bool)
     off, u = (spectra - environment.sky_mean) / sigma, environment.sky_spread / sigma
-    chi2 = (off * np.linalg.solve(np.eye(len(sigma)) + u.T @ u, off.T).T).sum(axis=1)
-    return chi2 <= SKY_CHI2 * len(sigma)
+    left = np.linalg.solve(np.eye(len(sigma)) + u.T @ u, off.T).T
+    near = (np.abs(left @ u.T) <= SKY_SIGMAS).all(axis=1)  # the likeliest deviations
+    return near & ((off * left).sum(axis=1) <= SKY_CHI2 * len(sigma))
 
 
 def _opaque(t):

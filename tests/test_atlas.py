@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks import stability
 from benchmarks.atlas import draw, faults, page
-from benchmarks.rows import SETTINGS
-from benchmarks.stability import COLUMNS, Axis, read
+from benchmarks.rows import SETTINGS, read_csv
+from benchmarks.stability import COLUMNS, Axis
 from texnet.methods import METHODS
 
 AXES = {"noise": Axis("NETD (K)", (0.1, 1), None), "not measured": Axis("what", (0,), None)}
@@ -79,7 +79,7 @@ def test_the_page_in_docs_is_of_the_tables_beside_it_and_each_axis_of_one_code(t
             rows = list(csv.DictReader(file))
         of |= {(row.get("axis", name), row[SETTINGS]) for row in rows}
         made = dict.fromkeys(row[SETTINGS] for row in rows)
-        tables.append([row for one in made for row in read(docs / name, one)])
+        tables.append([row for one in made for row in read_csv(docs / name, one)])
     assert len(of) == len({axis for axis, _ in of}) == len(stability.AXES) + 1
     rows, missing = tables
     page(rows, stability.AXES, missing, tmp_path / "atlas.md")

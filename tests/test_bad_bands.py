@@ -64,6 +64,40 @@ def test_a_bad_band_is_found_and_no_other(how, bands, band):
     assert left.netd_k == cube.netd_k
 
 
+@pytest.mark.parametrize("times", [0.7, 1.2, 1.3])
+@pytest.mark.parametrize("b", [1, 5, 22, 48, 53])
+def test_a_band_that_is_off_in_level_is_left_out_and_no_other(times, b):
+    """Its gain is wrong: it is another T than its neighbours, in grey pixels, too."""
+    cube, gains = patterned(), np.ones(54, np.float32)
+    gains[b] = times
+    left, bad = without_bad_bands(replace(cube, radiance=(cube.radiance.T * gains).T))
+    assert list(bad) == [cube.wavelength_um[b]]
+    assert f"K {'above' if times > 1 else 'below'} its neighbours" in bad[cube.wavelength_um[b]]
+    np.testing.assert_array_equal(left.radiance, cube.radiance[np.arange(54) != b])
+
+
+def test_two_bands_side_by_side_may_be_off_in_level_but_not_many():
+    cube, gains = patterned(), np.ones(54, np.float32)
+    gains[[20, 21, 40]] = 1.3, 1.2, 0.8
+    bad = without_bad_bands(replace(cube, radiance=(cube.radiance.T * gains).T))[1]
+    assert list(bad) == cube.wavelength_um[[20, 21, 40]].tolist()
+    gains[::5] = 1.3  # and then it is not they alone that are wrong
+    assert without_bad_bands(replace(cube, radiance=(cube.radiance.T * gains).T))[1] == {}
+
+
+@pytest.mark.parametrize("name", ["forest", "street"])
+def test_a_band_that_is_off_in_level_spoils_no_answer(name):
+    cube, truth = traced(name, 54)
+    s = cube.radiance.copy()
+    s[20] *= 1.3
+    off = decompose(replace(cube, radiance=s))
+    assert list(off.left_out) == [cube.wavelength_um[20]] and off.noise_raised == 1
+    error, without = (
+        np.nanmean(np.abs(d.temperature_k - truth.temperature_k)) for d in (off, right(name, 54))
+    )
+    assert error < without + 0.1
+
+
 def flat(rng, spread_k=0.03, size=(40, 50)):
     """A wall of nearly one temperature, 54 bands at 50 mK."""
     w, fwhm = equidistant_bands(54)

@@ -239,6 +239,34 @@ def test_pixels_that_hold_the_ignore_value_are_dead(tmp_path, in_parts):
         check_same(import_cube(path, "W/m2/sr/um")[0])
 
 
+@pytest.mark.parametrize("interleave", ["bsq", "bil", "bip"])
+@pytest.mark.parametrize("fill", [0, -32768])
+def test_one_number_in_all_bands_of_many_pixels_is_no_measurement(
+    tmp_path, in_parts, interleave, fill
+):  # fmt: skip
+    """Where bands have offsets it would be another radiance in each, and a material of its own."""
+    wide = np.tile(S, (1, 3, 10))
+    low, high = wide.min(axis=(1, 2)), wide.max(axis=(1, 2))
+    gain, offset = (high - low) / 50_000, (low + high) / 2
+    raw = np.round((wide - offset[:, None, None]) / gain[:, None, None])
+    raw[:, :4, :6] = fill
+    of = dict(kind=2, data_gain_values=gain, data_offset_values=offset)
+    cube, note = import_cube(envi(tmp_path / "a", raw, interleave, **of), "W/m2/sr/um")
+    blank = np.zeros(wide.shape[1:], bool)
+    blank[:4, :6] = True
+    np.testing.assert_array_equal(cube.dead, blank)
+    assert f"{fill} in every band taken for no measurement; " in note
+    # a few may be as dark as that, and what is as bright as can be was seen
+    few = raw.copy()
+    few[:, :4, :6] = np.round(raw[:, :4, 6:12])
+    few[:, 0, :6] = fill
+    few[:, 5, :] = 32767
+    assert not import_cube(envi(tmp_path / "b", few, interleave, **of), "W/m2/sr/um")[0].dead.any()
+    # the header may say that it is something else
+    path = envi(tmp_path / "c", raw, interleave, data_ignore_value=-1, **of)
+    assert not import_cube(path, "W/m2/sr/um")[0].dead.any()
+
+
 @pytest.mark.parametrize("kind", [4, 5])
 @pytest.mark.parametrize("said", ["-3.4028235e+38", "-3.40282e+38", "-3.402823e38"])
 def test_the_ignore_value_may_be_said_in_fewer_digits(tmp_path, kind, said):
@@ -474,6 +502,13 @@ def test_brightness_temperatures_are_no_radiance_unless_so_said(tmp_path, capfd,
         ) == said
 
 
+@pytest.mark.parametrize("kelvin", [262.0, 279.0, 284.0, 289.0, 299.0])
+def test_brightness_temperatures_are_no_radiance_whatever_they_are(tmp_path, capfd, kelvin):
+    s = kelvin + np.random.default_rng(0).normal(scale=3, size=S.shape)
+    said = refused(capfd, envi(tmp_path / "a", s), "--out", tmp_path / "b.npz", *FLAGS)
+    assert "brightness temperatures in K? Then give --unit K." in said
+
+
 def test_brightness_temperatures_that_are_said_to_be_become_radiance(tmp_path, capfd):
     kelvin = np.broadcast_to(T, S.shape)
     cube, note = import_cube(envi(tmp_path / "a", kelvin, kind=5), "K")
@@ -521,6 +556,25 @@ def test_hadar(tmp_path, in_parts, key):
     assert "720-1250 cm-1 became 8-13.89 um, order reversed" in note
     micro = mat(tmp_path / "b.mat", **{key: 100 * S.transpose(1, 2, 0)})
     check_same(import_cube(micro, "microflick", wavenumbers_cm1=(720, 1250))[0])
+
+
+@pytest.mark.parametrize("key", ["S", "HSI", "cube"])
+def test_a_cube_beside_its_wavelengths_is_one_s_own(tmp_path, capfd, key):
+    """By whatever name: of its own bands, and of no unit but the one that is said."""
+    path = mat(tmp_path / "a.mat", **{key: S.transpose(1, 2, 0), "wavelength": W})
+    check_same(import_cube(path, "W/m2/sr/um")[0])
+    assert "--unit" in refused(capfd, path, "--out", tmp_path / "b.npz")
+
+
+@pytest.mark.parametrize("width", [None, 0.1, np.linspace(0.1, 0.2, 6)])
+def test_an_npz_of_ours_need_not_be_in_order(tmp_path, width):
+    widths = {} if width is None else {"fwhm_um": width}
+    path = arrays_file(tmp_path / "a.npz", {"radiance": S, "wavelength_um": W} | widths)
+    cube, note = import_cube(path)
+    check_same(cube)
+    assert "order reversed" in note
+    expected = 0.0 if width is None else np.broadcast_to(width, 6)[::-1]
+    np.testing.assert_allclose(cube.fwhm_um, expected)
 
 
 @pytest.mark.parametrize("key", ["S", "cube"])

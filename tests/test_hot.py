@@ -14,11 +14,12 @@ from physics.cube.heat_cube import HeatCube
 from physics.cube.hot import far_hotter, split_hot, spread_of_hot
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
-from physics.planck import planck
+from physics.planck import noise_sigma, planck
 from physics.simulator import trace_scene
 from physics.simulator.presets import preset
 from texnet.methods import METHODS
 from texnet.pipeline import decompose
+from texnet.solver import solve_hot
 
 LIBRARY = MaterialLibrary.starter()
 
@@ -119,6 +120,23 @@ def test_black_bodies_far_hotter_are_told_by_planck_alone(share):
     assert (d.material[hot] == 0).mean() > 0.95
     of_black = np.abs(d.temperature_k[hot] - t)[d.material[hot] == 0]
     assert of_black.max() < 1
+
+
+@pytest.mark.parametrize("name", ["steel", "aluminium", "rust", "concrete"])
+@pytest.mark.parametrize("kelvin", [450.0, 600.0, 900.0])
+def test_what_is_far_hotter_may_be_hundreds_of_kelvin_hotter_than_it_looks(name, kelvin):
+    """Bare metal, by Eq. 1, under a sky and among what is as warm as the air."""
+    cube = traced("forest")[0]
+    around, rng = estimate_environment(cube, LIBRARY), np.random.default_rng(0)
+    e = LIBRARY.of_bands(cube.wavelength_um, cube.fwhm_um)[LIBRARY.index(name)]
+    v = rng.dirichlet(np.ones(len(around)), 200)
+    s = e * planck(cube.wavelength_um, kelvin) + (1 - e) * (v @ around.radiance)
+    s += noise_sigma(cube.wavelength_um, cube.netd_k) * rng.normal(size=s.shape)
+    maps = solve_hot(cube, s.T.astype(np.float32), LIBRARY, around)
+    off, sigma = np.abs(maps["temperature_k"] - kelvin), maps["temperature_sigma_k"]
+    assert (off <= 2 * sigma).mean() > 0.9
+    if kelvin * e.mean() > 60:  # else what it sends is hardly more than what it mirrors
+        assert np.median(off) < 0.02 * kelvin
 
 
 def test_the_share_of_the_picture_is_what_a_fire_may_light():

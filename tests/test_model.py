@@ -4,6 +4,8 @@ The network is untrained: what it adds to the evidence is small, or random where
 are of the k-object model; they test that the parts fit, never accuracy.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -11,10 +13,12 @@ from test_evidence import World, arrays_of, dense, scene, sky_pixels
 from test_network import network, predict
 from test_refinement import cost
 from torch.fx.experimental import _config
-from traced import one_thread  # noqa: F401
+from traced import one_thread, traced  # noqa: F401
 
 import texnet.model
 from physics import Environment, HeatCube, InputError, MaterialLibrary
+from physics.estimate import estimate_environment
+from physics.known import known_arrays
 from physics.planck import planck
 from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
 from texnet.learned import torch_model
@@ -152,6 +156,18 @@ def test_refinement_lowers_the_cost_of_what_the_network_proposes():
     assert np.median(end) < 25
     error = [np.abs(a.temperature_k.numpy().ravel() - world.temperature) for a in (before, after)]
     assert np.median(error[1]) < 0.5 * np.median(error[0])
+
+
+def test_nothing_is_likelier_than_certain():
+    """Not what is so far hotter than usual that the series of Planck's law means nothing there."""
+    cube, _ = traced("forest", 24)
+    s, warm = cube.radiance.copy(), np.linspace(250, 349, 40)
+    s[:, -1, :40] = 0.96 * planck(cube.wavelength_um[:, None], warm) + 0.04 * s[:, -1, :40]
+    cube = replace(cube, radiance=s)
+    library = MaterialLibrary.starter()
+    known = known_arrays(cube, library, estimate_environment(cube, library))
+    maps = torch_model()(cube.radiance, known)
+    assert np.isfinite(maps["log_evidence"]).all() and (maps["log_evidence"] <= 0).all()
 
 
 def test_permuting_library_and_environment_permutes_the_answer():

@@ -217,7 +217,7 @@ def test_paths_are_traced_in_threads(monkeypatch):
         threads.append(threading.current_thread())
         return paths(*args)
 
-    monkeypatch.setattr("physics.simulator.traced.cores", lambda: 2)
+    monkeypatch.setattr("physics.simulator.traced.usual_threads", lambda: 2)
     monkeypatch.setattr(Tracer, "paths", seen)
     trace_scene(scene(), SIZE, SPP, 3, FIRST)
     assert threads and threading.main_thread() not in threads

@@ -39,7 +39,7 @@ def record(seed=0, materials=(0, 1, 3, 5), sky=True):
     s = GREY[material] * planck(w, t) + (1 - GREY[material]) * x.astype(float)
     s = np.where(material == 2, above, s)
     f = lambda a: a.astype(np.float32)
-    return Record(f(s), x, f(t), f(view), f(view), material.astype(np.uint8), e, NAMES, FINE, 0)
+    return Record(f(s), x, f(t), f(view), material.astype(np.uint8), e, NAMES, FINE, 0)
 
 
 RECORD = record()

@@ -550,10 +550,10 @@ def test_noise_of_the_texture_falls_at_least_as_the_root_of_the_samples():
 def test_same_seed_same_cube_whatever_the_threads(monkeypatch):
     kw = dict(size=(40, 60), spp=64, netd_k=0.05)  # three blocks
     for module in ("traced", "sensor"):
-        monkeypatch.setattr(f"physics.simulator.{module}.cores", lambda: 3)
+        monkeypatch.setattr(f"physics.simulator.{module}.usual_threads", lambda: 3)
     a, ta = render(outdoors(), OUTDOOR, seed=3, **kw)
     for module in ("traced", "sensor"):
-        monkeypatch.setattr(f"physics.simulator.{module}.cores", lambda: 1)
+        monkeypatch.setattr(f"physics.simulator.{module}.usual_threads", lambda: 1)
     b, tb = render(outdoors(), OUTDOOR, seed=3, **kw)
     np.testing.assert_array_equal(a.radiance, b.radiance)
     np.testing.assert_array_equal(ta.texture, tb.texture)

@@ -14,6 +14,7 @@ from physics import HeatCube, MaterialLibrary
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
+from physics.prior import MIN_TEMPERATURE_SPREAD_K
 from texnet.camera.correction import RIGHT, Calibration
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
@@ -90,6 +91,23 @@ def test_a_calibration_error_is_what_moves_t(t, e, share):
     own = 1e-3 * share
     sigma = with_calibration_error(np.full((ROWS + 2, 3), own), np.full((ROWS + 2, 3), t), w, 1e-3)
     assert sigma == pytest.approx(np.hypot(own, moved), rel=1e-3)
+
+
+@given(st.floats(250, 350), st.floats(0.1, 1.0))
+def test_light_that_was_given_moves_t_by_one_over_e_as_much(t, e):
+    """By Eq. 1: an offset is all of the glow's, of which there is e B."""
+    w, light = np.linspace(8, 14, 54), planck(np.linspace(8, 14, 54), 230.0)
+    small = noise_sigma(w, 1e-3)
+    s = e * planck(w, t) + (1 - e) * light + small
+    moved = brightness_temperature(w, (s - (1 - e) * light) / e).mean() - t
+    maps = np.full((2, 3), 0.0), np.full((2, 3), t)
+    sigma = with_calibration_error(*maps, w, 1e-3, np.full((2, 3), e))
+    assert (sigma >= moved * (1 - 1e-3)).all()
+    black = with_calibration_error(*maps, w, 1e-3)
+    np.testing.assert_allclose(sigma, black / e, rtol=1e-5)
+    # of what shows nothing of its T no more is known than beforehand
+    mirror = with_calibration_error(*maps, w, 1.0, np.zeros((2, 3)))
+    np.testing.assert_allclose(mirror, MIN_TEMPERATURE_SPREAD_K, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name, right", [("forest", 0.2), ("street", 0.8)])

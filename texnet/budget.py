@@ -71,7 +71,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
     methods = best_first(cube.bands)
     if len(library) < 2:  # the network chooses between materials
         methods = [method for method in methods if method not in NETS]
-    return first_within(budget, methods, seconds)
+    return first_within(budget, methods, seconds, cube.shape[0] * cube.shape[1] / 1e6)
 
 
 def best_first(bands):
@@ -89,8 +89,9 @@ def best_first(bands):
     return sorted(ranks, key=ranks.get)
 
 
-def first_within(budget, methods, seconds):
-    """The first of methods with seconds(method) <= budget, and these seconds; else InputError."""
+def first_within(budget, methods, seconds, megapixels):
+    """The first of methods with seconds(method) <= budget, per megapixel, and these seconds; else
+    InputError."""
     took = {}
     for method in methods:
         took[method] = seconds(method)
@@ -99,8 +100,8 @@ def first_within(budget, methods, seconds):
     fastest = min(took, key=took.get)
     raise InputError(
         f"--budget: no method takes {budget:g} s per megapixel or less on this cube and machine; "
-        f"the fastest, {fastest}, takes {took[fastest]:.1f} (a small cube takes more per "
-        "megapixel than a large one)."
+        f"the fastest, {fastest}, takes {took[fastest]:.1f}, {took[fastest] * megapixels:.2g} s in "
+        "all (a small cube takes more per megapixel than a large one)."
     )
 
 

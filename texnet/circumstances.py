@@ -43,6 +43,7 @@ class Circumstances(NamedTuple):
     environment_error_k  K by which one that was given is likely off, as is allowed for here
     found                Calibration by which cube was corrected
     distance_m           (height, width) m of its Air before each pixel; None without
+    given                whether the environment was, and not found in the cube
     """
 
     ready: Prepared
@@ -54,6 +55,7 @@ class Circumstances(NamedTuple):
     environment_error_k: float
     found: Calibration
     distance_m: np.ndarray | None
+    given: bool
 
 
 @no_blas_threads()
@@ -114,7 +116,7 @@ def _with_given(ready, cold, given, how, lap):
     found, error_k = error_of_given(cold, given, **how)
     return dict(
         ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
-        environment=given, environment_error_k=error_k,
+        environment=given, environment_error_k=error_k, given=True,
         sky_assumed=False, found=found, distance_m=None,
     )  # fmt: skip
 
@@ -139,7 +141,7 @@ def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
         cube = corrected(cube, found, off)
         environment = estimate(cube, assume_sky=assumed)
     return dict(
-        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
+        ready=ready, cube=cube, environment=environment, environment_error_k=0.0, given=False,
         sky_assumed=assumed, found=found,
         distance_m=off and off.metres,
     )  # fmt: skip

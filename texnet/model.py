@@ -204,8 +204,9 @@ def _t_and_variance(known, r, before, solid):
 
 def _after(log_row, row, score, energy):
     """log_row (R, P) after the refinement of the hypotheses row (C, P), of score (C, P), which it
-    cost energy (C, P); the others would lose at least as much as the best of these."""
-    return (log_row - energy.amin(0)).scatter(0, row, score - energy)
+    cost energy (C, P); the others would lose at least as much as the best of these, if anything:
+    E is below 0 where T is so far from usual that the closed-form evidence means nothing."""
+    return (log_row - energy.amin(0).clamp(min=0)).scatter(0, row, score - energy)
 
 
 def _cut(arrays, shape, inner):

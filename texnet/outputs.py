@@ -14,6 +14,7 @@ import json
 import os
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib.image
@@ -27,6 +28,7 @@ from .figures import comparison_figure, maps_figure, own_style
 from .files.exr_file import check_exr_name, write_exr
 from .vision import tex_vision
 
+PREFIX = ".texnet-"  # of the hidden folder in which files are made
 FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr")
 NPZ_KEYS = (
     "temperature_k", "material", "material_names", "emissivity", "thermal_lighting", "environment",
@@ -72,7 +74,7 @@ def write_decomposition(decomposition, directory, pictures=None, truth=None):
     check_directory(directory)
     # beside it, or in it where it may be a disk of its own
     near = directory if directory.is_dir() else directory.parent
-    with tempfile.TemporaryDirectory(dir=near, prefix=".texnet-") as made:
+    with _as_of(directory), tempfile.TemporaryDirectory(dir=near, prefix=PREFIX) as made:
         made = Path(made)
         with ThreadPoolExecutor(1) as beside:  # the disk, zlib and OpenEXR leave a core to Python
             written = beside.submit(_write_numbers, decomposition, made)
@@ -97,6 +99,19 @@ def write_decomposition(decomposition, directory, pictures=None, truth=None):
     if pictures is not None:
         paths["comparison"] = directory / "comparison.png"
     return paths
+
+
+@contextmanager
+def _as_of(directory):
+    """An OSError of a file in the hidden neighbour of a directory is said of it in that."""
+    try:
+        yield
+    except OSError as e:
+        if e.filename is not None:
+            hidden = Path(e.filename)
+            own = hidden.name.startswith(PREFIX)
+            e.filename = str(directory if own else directory / hidden.name)
+        raise
 
 
 def _write_numbers(d, directory):

@@ -284,7 +284,11 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     stated_k = calibration_error_k * cube.netd_k / (found.noise * of.ready.cube.netd_k)
     shared_k = float(np.hypot(stated_k, shared_error_k(found, cube)))
     if shared_k:
-        sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k)
+        e = None
+        if of.given:
+            means = library.of_bands(cube.wavelength_um, cube.fwhm_um).mean(axis=1)
+            e = np.where(library.is_sky, 1.0, means).astype(np.float32)[maps["material"]]
+        sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k, e)
     if another_k := math.hypot(found.suspected_k, found.air_error_k):
         sigma = np.hypot(sigma, np.float32(another_k))
     invalid = of.ready.cube.dead | of.saturated

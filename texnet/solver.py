@@ -27,6 +27,9 @@ from .uncertainty import (
 )
 
 FEW = 4000  # pixels, for which other threads than the caller's are not worth starting
+# of what is far hotter than the rest: how far below its looks T may be, how hot it may be at least,
+# and its prior, K
+BELOW_K, HOTTEST_K, HOT_SPREAD_K = 40.0, 1300.0, 150.0
 HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
@@ -81,11 +84,11 @@ def solve_hot(cube, radiance, library, environment):
 
 
 def _of_hot(wavelength_um, hot):
-    """The Temperatures of hot (bands, n)."""
+    """The Temperatures of hot (bands, n): bare metal is hundreds of kelvin hotter than it looks."""
     t = brightness_temperature(wavelength_um[:, None], hot)
-    mean = t.mean(axis=0)
-    usual = float(np.median(t.max(axis=0)))
-    return Temperatures.of(float(mean.min()), float(mean.max()), usual, float(mean.std()))
+    low, usual = float(t.mean(axis=0).min()) - BELOW_K, float(np.median(t.max(axis=0)))
+    high = max(HOTTEST_K, float(t.max()) + BELOW_K)
+    return Temperatures(0.5 * (high + low), 0.5 * (high - low), usual, HOT_SPREAD_K)
 
 
 def _by_tiles(model, radiance, threads, regions=None, progress=None):

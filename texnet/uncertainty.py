@@ -42,6 +42,7 @@ SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
 # of an offset (the most that those of 3 to 15 K were off by in scenes used for tuning)
 FOUND_K, SHARE, OFFSET_SHARE = 0.25, 0.7, 0.08
 ROWS = 256  # at once
+LEAST_E = 0.02  # mean emissivity; below it T is not known anyway
 GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
 
 
@@ -112,10 +113,12 @@ def shared_error_k(c, cube):
     return float(np.sqrt(FOUND_K**2 + SHARE**2 * np.mean(off**2) + of_offset**2 + unfit**2))
 
 
-def with_calibration_error(sigma, temperature, wavelength_um, error_k):
+def with_calibration_error(sigma, temperature, wavelength_um, error_k, emissivity=None):
     """sigma (height, width) K of a map of T, K, where all radiance may be off by error_k, K at
     300 K, be that an offset or a gain: what moves T more, which below 300 K is an offset. Light
-    that is reflected was measured by the same camera: T moves as much whatever the emissivity.
+    that is reflected was measured by the same camera: T moves as much whatever the emissivity;
+    unless it was given, of surfaces of an emissivity (height, width), mean of the bands: by Eq. 1 T
+    then moves by 1 / e as much, though no more than is known of it beforehand.
     """
     if not np.isfinite(temperature).any():
         return sigma
@@ -126,7 +129,11 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k):
     out = scratch.empty(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)
-        out[part] = np.hypot(sigma[part], np.interp(temperature[part], t, moved))
+        k = np.interp(temperature[part], t, moved)
+        if emissivity is not None:
+            most = np.maximum(k, MIN_TEMPERATURE_SPREAD_K)
+            k = np.minimum(k / np.maximum(emissivity[part], LEAST_E), most)
+        out[part] = np.hypot(sigma[part], k)
     return out
 
 

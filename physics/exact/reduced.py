@@ -55,6 +55,7 @@ from ..bands import quadrature
 from ..cube.heat_cube import HeatCube
 from ..environment import Environment
 from ..errors import InputError
+from ..hypotheses import planck_series
 from ..library import MaterialLibrary
 from ..machinery import scratch
 from ..planck import brightness_temperature, noise_sigma, planck
@@ -176,7 +177,8 @@ def reduce_model(
     light = np.einsum("mbn,kbn->mkb", 1 - curves, light)[of.material] / nodes.shape[1]
     reflected = (1 - of.sky_share)[:, None] * (1 - emissivity)  # what of the surroundings shows
     sky_mean = 0.0 if environment.sky_mean is None else environment.sky_mean
-    alpha_step = of.share_sigma[:, None] * (sky_mean - planck(nodes, t.prior_mean).mean(axis=-1))
+    black = planck_series(nodes, (t.prior_mean, t.prior_sigma))[0].mean(axis=-1)
+    alpha_step = of.share_sigma[:, None] * (sky_mean - black)
     a = _rows(of, series, light, sky_mean, sigma)
     u = deviations(of, reflected, environment, alpha_step, sigma)
     error = noise_sigma(w, environment.error_k) / sigma

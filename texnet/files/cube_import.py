@@ -29,7 +29,7 @@ from .cube_io import read_cube, some_arrays, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
-from .raw_cube import RawCube, heat_cube, part_of
+from .raw_cube import OUR_UNIT, RawCube, heat_cube, part_of
 from .units import UNIT_NAMES, unit_of
 from .wavelengths import PER_UM
 
@@ -183,7 +183,7 @@ def _read_ours(path):
     cube = read_cube(path)
     measured = cube.measured()
     return RawCube(
-        HEAT_CUBE, lambda: measured, cube.wavelength_um, cube.fwhm_um, unit="W/m2/sr/um",
+        HEAT_CUBE, lambda: measured, cube.wavelength_um, cube.fwhm_um, unit=OUR_UNIT,
         netd_k=cube.netd_k,
     )  # fmt: skip
 
@@ -194,7 +194,8 @@ def _read_mat(path):
     except InputError as e:
         raise InputError(f"cube: {e}") from e
     arrays = {key: value for key, value in held.items() if isinstance(value, np.ndarray)}
-    hadar, whole = _first(HADAR, arrays), _first(CUBE, arrays) and _first(WAVELENGTH, arrays)
+    cubes = (*CUBE, *HADAR) if _first(WAVELENGTH, arrays) else CUBE
+    hadar, whole = _first(HADAR, arrays), _first(cubes, arrays) and _first(WAVELENGTH, arrays)
     other = [key for key in (*HADAR, *CUBE, *WAVELENGTH) if key in held and key not in arrays]
     if other and not (hadar or whole):
         raise InputError(
@@ -204,7 +205,7 @@ def _read_mat(path):
     if hadar is None or whole:
         one = all(arrays[key].size == 1 for key in WAVELENGTH if key in arrays)
         load = lambda key: _of_one_band(arrays.get(key)) if one else arrays.get(key)
-        return _tex1500(path, held, arrays, load)
+        return _tex1500(path, held, arrays, load, cubes=cubes)
     s = _of_one_band(arrays[hadar])
     if s.ndim != 3:
         raise InputError(f"cube: {hadar} in {path} must be height x width x bands, not {s.shape}.")
@@ -224,15 +225,23 @@ def _read_npz(path, unit):
     held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS, *WIDTH, NETD))
     # of which unit and axes it is, our own need not say
     ours = OUR_ARRAYS <= set(held) and set(held).isdisjoint(GOOD_BANDS)
-    if ours and unit is None:
+    if ours and unit is None and _in_order(arrays):
         return _read_ours(path)
-    return _tex1500(path, held, arrays, lambda key: unpacked(path, key), ours)
+    raw = _tex1500(path, held, arrays, lambda key: unpacked(path, key), ours)
+    return raw._replace(unit=OUR_UNIT) if ours else raw
 
 
-def _tex1500(path, held, arrays, load, ours=False):
+def _in_order(arrays):
+    """Whether the wavelengths and widths among arrays are those of a heat cube, but for values."""
+    w, width = arrays["wavelength_um"], arrays.get(WIDTH[0])
+    ordered = w.dtype.kind in "fiu" and w.ndim == 1 and (np.diff(w) > 0).all()
+    return ordered and (width is None or width.shape == w.shape)
+
+
+def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
     """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
-    its cube; of our own layout bands come first where they may."""
-    cube, indices = _first(CUBE, held), _first(GOOD_BANDS, arrays)
+    its cube, by one of the names cubes; of our own layout bands come first where they may."""
+    cube, indices = _first(cubes, held), _first(GOOD_BANDS, arrays)
     found = {key: arrays[key].ravel() for key in WAVELENGTH if key in arrays}
     if cube is None or not found:
         raise InputError(

@@ -36,6 +36,9 @@ THIN = 0.05  # or less are bands as wide as they are apart where the unit of wid
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 CELSIUS = "add 273.15 if these are degrees Celsius, else give the --unit of the radiance"
+# what files often hold where nothing was measured; the bands in which a pixel must hold it, and
+# such pixels, a number and a share of all
+FILLS, LEAST_ALIKE, FEWEST, FEW = (0, -999, -9999, -32767, -32768), 6, 20, 0.001
 # of a float that no scene shows, a header may write a few digits alone
 UNREAL, AS_TEXT = 1e6, 1e-5
 
@@ -129,13 +132,14 @@ def heat_cube(raw, netd_k=None, progress=None):
         said_of_bands.append("taken as narrow, since band widths are not stated (--fwhm)")
     else:
         fwhm = raw.fwhm[kept] / (1e4 / w**2 if raw.axis == "cm-1" else PER_UM[raw.axis])
-    radiance = _radiance(raw, kept, w, progress)
+    radiance, empty = _radiance(raw, kept, w, progress)
     words = [
         raw.what,
         f"{bands} bands of {height} x {width} pixels",
         *raw.words,
         raw.unit + (" kept" if raw.unit == OUR_UNIT else " became W m-2 sr-1 um-1"),
         *said_of_bands,
+        *empty,
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
     warning += _thin(fwhm, w) + (raw.doubt and f"\nWarning: {raw.doubt}")
@@ -200,7 +204,8 @@ def _in_unit(radiance, unit, w):
 
 
 def _radiance(raw, kept, w, progress):
-    """Of the kept bands at wavelengths w, um, (kept, height, width) float32.
+    """Of the kept bands at wavelengths w, um, (kept, height, width) float32; words on what holds
+    no measurement though no header says so.
 
     Read part by part along the file's slowest axis, so that each byte is read once.
     """
@@ -211,6 +216,7 @@ def _radiance(raw, kept, w, progress):
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     gain, offset = (np.broadcast_to(x, shape[0])[kept] for x in (raw.gain, raw.offset))
     radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
+    alike = _Alike(shape[1:])
     for start in range(0, radiance.shape[slowest], step):
         at = [slice(None)] * 3
         at[slowest] = slice(start, start + step)
@@ -218,6 +224,7 @@ def _radiance(raw, kept, w, progress):
         mapped = raw.numbers()
         found = mapped[kept[bands], at[1], at[2]]
         scratch.release(mapped)
+        alike.look(found, at[1:])
         with np.errstate(over="ignore", invalid="ignore"):  # HeatCube tells what is not finite
             part = found.astype(np.float64)
             part *= gain[bands, None, None]
@@ -227,8 +234,37 @@ def _radiance(raw, kept, w, progress):
         scratch.release(radiance)
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
+    words = []
+    if len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset):
+        for number, pixels in alike.nothing():
+            radiance[:, pixels] = np.nan
+            words.append(f"{number} in every band taken for no measurement")
     radiance.setflags(write=False)
-    return radiance
+    return radiance, words
+
+
+class _Alike:
+    """Which pixels of a picture (height, width) hold the same number in all bands, as no camera's
+    do whose bands have offsets."""
+
+    def __init__(self, shape):
+        self.pixels, self.seen, self.first = np.ones(shape, bool), np.zeros(shape, bool), None
+
+    def look(self, found, at):
+        """Take numbers (bands, h, w) into account, of these rows and columns."""
+        at = tuple(at)
+        if self.first is None:
+            self.first = np.empty(self.pixels.shape, found.dtype)
+        self.first[at] = np.where(self.seen[at], self.first[at], found[0])
+        self.seen[at] = True
+        self.pixels[at] &= (found == self.first[at]).all(axis=0)
+
+    def nothing(self):
+        """Yield which of the FILLS there are in many pixels, and these."""
+        for number in FILLS:
+            pixels = self.pixels & (self.first == number)
+            if np.count_nonzero(pixels) >= max(FEWEST, FEW * pixels.size):
+                yield number, pixels
 
 
 def is_ignored(numbers, ignore):
@@ -246,7 +282,8 @@ def is_ignored(numbers, ignore):
 def _typical_k(radiance, w, unit):
     """The brightness temperature that half of the scene exceeds, in words, and a warning or "".
 
-    Raises InputError where it is not within TYPICAL_K.
+    Raises InputError where it is not within TYPICAL_K, or not within USUAL_K and the numbers are
+    like brightness temperatures.
     """
     step = sampling_step(radiance.shape[1:], SAMPLES)
     bands = scratch.parts(radiance)
@@ -267,13 +304,15 @@ def _typical_k(radiance, w, unit):
     kelvin = unit != KELVIN and _like_kelvin(numbers)
     if USUAL_K[0] <= here <= USUAL_K[1]:
         return f"{here:.0f} K", (kelvin and f"\nWarning: {kelvin}") or uneven
+    if kelvin:
+        raise InputError(f"cube: in {unit} half of it would be warmer than {here:,.0f} K; {kelvin}")
     names = {}
     for u, factor in UNITS.items():
         names.setdefault(factor, u)  # of two for one unit the first
     fit = {u: t for u in names.values() if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
     cold = unit == KELVIN and here < TYPICAL_K[0]
-    fit = kelvin or f"{CELSIUS if cold else 'give the right --unit'} ({fit})."
+    fit = f"{CELSIUS if cold else 'give the right --unit'} ({fit})."
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
         doubt = f"{here:.0f} K is unusual for a scene; if {unit} is not its unit, {fit}"
         return f"{here:.0f} K", f"\nWarning: {doubt}{uneven}"
