@@ -48,16 +48,16 @@ SKY_CLUSTERS = 12
 # what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
 # at 11 um. With fewer bands than MANY, stone and glass are like a sky of some amount, too
 MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
-# misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY (where
-# half was, skies of 5.5 and 6 cm of water above air of 301 and 303 K were not found)
-SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.65
+# misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY
+SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
 # where the best grey body is so far off, K, there is a sky, be it of another shape than any here
 # (which changed nothing on 50 scenes of no split)
 UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 8.0, 0.7
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # that a sky may be seen through, one for all gases here
-# beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, those in the
-# flank of water's band at 6.3 um, which grows by other laws, stay out if so many lie beyond it
-OPAQUE_UM, FLANK_UM, LEAST_BEYOND = 13.0, 8.4, 4
+# beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
+# allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out if
+# so many lie beyond it
+OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BEYOND = 13.0, 0.65, 8.4, 4
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with one band or two, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.12, {1: 0.2, 2: 0.26}
@@ -352,7 +352,8 @@ def _missing(wavelength_um, spectrum, opacity, scene_k):
 
     sky, (_, j) = best(glow * opacity)
     grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
-    most = SKY_OVER_GREY if bands < MANY else SKY_OVER_GREY_OF_MANY
+    of_many = SKY_OVER_GREY_OF_WINDOW if ends_before else SKY_OVER_GREY_OF_MANY
+    most = SKY_OVER_GREY if bands < MANY else of_many
     if grey > UNLIKE_GREY_K:
         most = max(most, SKY_OVER_GREY_OF_UNLIKE)
     return 1 - opacity[j].min() if sky < most * grey or bands < 3 else 0.0

@@ -199,9 +199,10 @@ def test_bands_off_among_each_other_are_found(name, bands, method, percent):
     best, error, without = (
         np.abs(a.temperature_k - truth.temperature_k)[ground] for a in (same, d, believed)
     )
-    # as good as of a right camera, nearly; by 0.3 %, without, T is off 1.24 times as far
-    assert np.median(error) < 0.1
-    assert error.mean() < min(1.25 * best.mean(), 0.85 * without.mean())
+    # as good as of a right camera, nearly: most of what wrong bands cost is won back
+    assert np.median(error) < 0.1 and error.mean() < 1.25 * best.mean()
+    cost, won = without.mean() - best.mean(), without.mean() - error.mean()
+    assert cost > 0.1 * best.mean() and won > 0.7 * cost
     assert (error < 2 * d.temperature_sigma_k[ground]).mean() > 0.95
     named = lambda d: (names_of(d) == names_of(truth)).mean()
     # by 0.3 % 0.098 less would be named right, by more 0.107 to 0.24

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, binary_erosion
-from traced import names_of, one_thread, scene_of, traced  # noqa: F401
+from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import equidistant_bands, quadrature
@@ -527,17 +527,3 @@ def test_true_surroundings_off_the_spectra_return_to_the_texture():
     blind = Distilled(off=direction)()
     assert (np.abs(blind[0] - d.texture).max(axis=1)[mirrors] > 0.9 * np.abs(direction).max()).all()
     assert (blind[2][mirrors] > 3).all()
-
-
-@pytest.mark.parametrize("bands", [9, 54])
-def test_a_warm_humid_sky_is_found(bands):
-    """Of the tropics: 6 cm of water, which leave it 39 K colder than the air, overhead."""
-    scene, air = scene_of("street"), Atmosphere(303.0, 6.0)
-    warmer = air.air_temperature_k + 1 - scene.atmosphere.air_temperature_k
-    objects = [replace(o, temperature_k=o.temperature_k + warmer) for o in scene.objects]
-    scene = replace(scene, objects=objects, atmosphere=air)
-    w, fwhm = equidistant_bands(bands)
-    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=32)
-    sample = Sample(cube, LIBRARY)
-    assert estimate_environment(cube, LIBRARY).sky
-    assert 0.3 < sample.sky.mean() / (names_of(truth) == "sky").mean() < 1.05

@@ -228,6 +228,9 @@ def slow_unaries(scene, objective, state):
     v_variance = 1 / (V_PRECISION * k)
     has_sky = environment.sky_mean is not None and library.sky_index is not None
     sky_mean = environment.sky_mean if has_sky else np.zeros(w.size)
+    # the mean of B(T) over T's prior, by a sum
+    z = np.linspace(-6, 6, 2001)
+    glow = np.average(planck(w, t0 + t_sigma * z[:, None]), axis=0, weights=np.exp(-(z**2) / 2))
 
     def hypothesis(p):
         m, alpha = state.material[p], model.sky_share[state.row[p]]
@@ -244,7 +247,7 @@ def slow_unaries(scene, objective, state):
         rows = [reflected * d / sigma for d in environment.spread]
         rows += [(1 - alpha) * d / sigma for d in environment.curve_spread]
         rows += [alpha * d / sigma for d in environment.sky_spread]
-        rows += [share_sigma * (sky_mean - planck(w, t0)) / sigma]
+        rows += [share_sigma * (sky_mean - glow) / sigma]
         return c + sum(np.outer(u, u) for u in rows)
 
     def occam(e, alpha, c, prior):

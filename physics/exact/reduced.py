@@ -23,11 +23,11 @@ The noise is the sensor's (white after division by sigma) plus what the model ca
 true surroundings deviate from the k spectra along `Environment.spread` and
 `skylight_spread`, and by `error_k` in every band, of which m reflects (1 - e_m); curves that may be
 off move what is not sky along `curve_spread`; the sky's pixels scatter about their mean along
-`Environment.sky_spread`; alpha is known to sigma_alpha:
+`Environment.sky_spread`; alpha is known to sigma_alpha, and mean B(T) is over T's prior:
 
     C = I + diag((1 - alpha)(1 - e_m) error / sigma)^2 + U U'
     U = [(1 - alpha)(1 - e_m) [spread', skylight_spread'], (1 - alpha) curve_spread',
-         alpha sky_spread', sigma_alpha (S_sky - B(T_prior))] / sigma
+         alpha sky_spread', sigma_alpha (S_sky - mean B(T))] / sigma
 
 A mirror is predicted no better than its surroundings are known.
 
