@@ -60,7 +60,7 @@ def _value(text):
     for kind in (int, float):
         try:
             return kind(text)
-        except ValueError:
+        except (TypeError, ValueError):  # of a row that is cut short, None
             pass
     return text
 

@@ -308,9 +308,8 @@ def simulator(library):
     traced.blocks._tracer._embree = embree
     for i in range(len(traced.blocks)):
         traced.blocks[i]
-    bare = (
-        usual_threads() * embree.rays / embree.seconds
-    )  # as if threads never waited for each other
+    # as if threads never waited for each other
+    bare = usual_threads() * embree.rays / embree.seconds
     whole = embree.rays / (row["seconds_per_megapixel"] * pixels / 1e6)
     return row | {
         "rays": embree.rays, "rays_per_second": whole, "embree_rays_per_second": bare,

@@ -572,6 +572,9 @@ def test_an_npz_of_ours_need_not_be_in_order(tmp_path, width):
     path = arrays_file(tmp_path / "a.npz", {"radiance": S, "wavelength_um": W} | widths)
     cube, note = import_cube(path)
     check_same(cube)
+    whole = np.uint8([13, 12, 11, 10, 9, 8])  # whose differences wrap
+    path = arrays_file(tmp_path / "b.npz", {"radiance": S, "wavelength_um": whole})
+    np.testing.assert_array_equal(import_cube(path)[0].wavelength_um, whole[::-1])
     assert "order reversed" in note
     expected = 0.0 if width is None else np.broadcast_to(width, 6)[::-1]
     np.testing.assert_allclose(cube.fwhm_um, expected)

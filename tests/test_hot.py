@@ -123,7 +123,7 @@ def test_black_bodies_far_hotter_are_told_by_planck_alone(share):
 
 
 @pytest.mark.parametrize("name", ["steel", "aluminium", "rust", "concrete"])
-@pytest.mark.parametrize("kelvin", [450.0, 600.0, 900.0])
+@pytest.mark.parametrize("kelvin", [450.0, 600.0, 900.0, 1500.0])
 def test_what_is_far_hotter_may_be_hundreds_of_kelvin_hotter_than_it_looks(name, kelvin):
     """Bare metal, by Eq. 1, under a sky and among what is as warm as the air."""
     cube = traced("forest")[0]

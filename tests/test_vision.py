@@ -1,6 +1,7 @@
 """TeX vision means what it shows: hue material, saturation temperature, value texture."""
 
 import colorsys
+import errno
 import json
 from dataclasses import fields
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ import OpenEXR
 import pytest
 
 import texnet.figures
+import texnet.outputs
 from physics.errors import InputError
 from texnet.baselines import baseline_correlations, baseline_pictures
 from texnet.metrics import names_in_view, names_lacking
@@ -206,6 +208,28 @@ def test_a_file_in_the_folder_s_place_is_refused(tmp_path):
     with pytest.raises(InputError, match="it is a file"):
         write_decomposition(made_up.perfect(truth), tmp_path / "out", truth=truth)
     assert (tmp_path / "out").read_text() == "mine"
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_full_disk_is_said_of_the_folder_that_was_asked_for(tmp_path, monkeypatch, there):
+    """Not of the hidden one beside it, nor what is elsewhere of it."""
+    out, elsewhere = tmp_path / "out", "/usr/share/fonts/none.ttf"
+    if there:
+        out.mkdir()
+
+    for of, said in (
+        (lambda path: path, out / "maps.png"), (lambda path: path.parent, out),
+        (lambda path: elsewhere, elsewhere),
+    ):  # fmt: skip
+
+        def fails(decomposition, truth, path, of=of):
+            raise OSError(errno.ENOSPC, "No space left on device", str(of(path)))
+
+        monkeypatch.setattr(texnet.outputs, "maps_figure", fails)
+        with pytest.raises(OSError, match="No space left") as raised:
+            write_decomposition(made_up.perfect(made_up.truth()), out)
+        assert raised.value.filename == str(said)
+    assert list(tmp_path.rglob("*")) == ([out] if there else [])
 
 
 # --- what the figures say ----------------------------------------------------------------

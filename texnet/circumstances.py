@@ -43,7 +43,7 @@ class Circumstances(NamedTuple):
     environment_error_k  K by which one that was given is likely off, as is allowed for here
     found                Calibration by which cube was corrected
     distance_m           (height, width) m of its Air before each pixel; None without
-    given                whether the environment was, and not found in the cube
+    given                whether all of the environment was, and nothing of it found in the cube
     """
 
     ready: Prepared
@@ -74,6 +74,7 @@ def circumstances(
     """
     lap = lap or (lambda stage: None)
     ready = prepared(cube, library)
+    given = environment is not None and len(environment.sky) < len(environment)
     if environment is not None:
         environment = _at_true_bands(environment, cube, ready, library, seed)
     beyond = saturated(ready.cube)
@@ -91,7 +92,7 @@ def circumstances(
     environment = replace(environment, usual_lighting=lit.usual_lighting)
     lap("calibration")
     found["environment"] = allowing(environment)
-    return Circumstances(saturated=beyond, left_out=left_out, **found)
+    return Circumstances(saturated=beyond, left_out=left_out, given=given, **found)
 
 
 def _allowing(error_k, curves, environment):
@@ -116,7 +117,7 @@ def _with_given(ready, cold, given, how, lap):
     found, error_k = error_of_given(cold, given, **how)
     return dict(
         ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
-        environment=given, environment_error_k=error_k, given=True,
+        environment=given, environment_error_k=error_k,
         sky_assumed=False, found=found, distance_m=None,
     )  # fmt: skip
 
@@ -141,7 +142,7 @@ def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
         cube = corrected(cube, found, off)
         environment = estimate(cube, assume_sky=assumed)
     return dict(
-        ready=ready, cube=cube, environment=environment, environment_error_k=0.0, given=False,
+        ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
         sky_assumed=assumed, found=found,
         distance_m=off and off.metres,
     )  # fmt: skip
@@ -149,7 +150,8 @@ def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
 
 def _surroundings(ready, split, k, seed, how, lap, progress):
     """The Environment of a Prepared as it is, how many objects it was to have, and whether one of
-    them is a sky that is assumed; arguments as there."""
+    them is a sky that is assumed; arguments as there. Where none is in view, all but wavelengths
+    and air is looked at without one, and then whether it is likelier with one."""
     sample = Sample(ready.cube, how["library"], seed, split)
 
     def supported(assume_sky=False):

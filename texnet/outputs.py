@@ -107,10 +107,11 @@ def _as_of(directory):
     try:
         yield
     except OSError as e:
-        if e.filename is not None:
-            hidden = Path(e.filename)
-            own = hidden.name.startswith(PREFIX)
-            e.filename = str(directory if own else directory / hidden.name)
+        hidden = Path(e.filename or "")
+        if hidden.name.startswith(PREFIX):
+            e.filename, e.filename2 = str(directory), None
+        elif hidden.parent.name.startswith(PREFIX):
+            e.filename, e.filename2 = str(directory / hidden.name), None
         raise
 
 

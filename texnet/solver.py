@@ -27,9 +27,8 @@ from .uncertainty import (
 )
 
 FEW = 4000  # pixels, for which other threads than the caller's are not worth starting
-# of what is far hotter than the rest: how far below its looks T may be, how hot it may be at least,
-# and its prior, K
-BELOW_K, HOTTEST_K, HOT_SPREAD_K = 40.0, 1300.0, 150.0
+# of what is far hotter than the rest, K: how far below its looks T may be, and above, and its prior
+BELOW_K, ABOVE_K, HOT_SPREAD_K = 40.0, 900.0, 150.0
 HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
 
@@ -87,7 +86,7 @@ def _of_hot(wavelength_um, hot):
     """The Temperatures of hot (bands, n): bare metal is hundreds of kelvin hotter than it looks."""
     t = brightness_temperature(wavelength_um[:, None], hot)
     low, usual = float(t.mean(axis=0).min()) - BELOW_K, float(np.median(t.max(axis=0)))
-    high = max(HOTTEST_K, float(t.max()) + BELOW_K)
+    high = float(t.max()) + ABOVE_K
     return Temperatures(0.5 * (high + low), 0.5 * (high - low), usual, HOT_SPREAD_K)
 
 

@@ -155,7 +155,8 @@ class SceneSet:
     def make(self, workers=None, progress=None):
         """Render the scenes that are missing.
 
-        workers   processes; one per core if None. The files do not depend on it.
+        workers   processes; one per core, or OMP_NUM_THREADS if less, if None. The files do not
+                  depend on it.
         progress  called as progress(done, total) at first and after each scene
 
         May be interrupted at any time; what is done is kept. Raises InputError where the

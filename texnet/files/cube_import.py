@@ -234,7 +234,7 @@ def _read_npz(path, unit):
 def _in_order(arrays):
     """Whether the wavelengths and widths among arrays are those of a heat cube, but for values."""
     w, width = arrays["wavelength_um"], arrays.get(WIDTH[0])
-    ordered = w.dtype.kind in "fiu" and w.ndim == 1 and (np.diff(w) > 0).all()
+    ordered = w.dtype.kind in "fiu" and w.ndim == 1 and (np.diff(w.astype(float)) > 0).all()
     return ordered and (width is None or width.shape == w.shape)
 
 

@@ -216,7 +216,9 @@ def _radiance(raw, kept, w, progress):
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     gain, offset = (np.broadcast_to(x, shape[0])[kept] for x in (raw.gain, raw.offset))
     radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
-    alike = _Alike(shape[1:])
+    # of which fills make a spectrum of their own
+    told = len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset)
+    alike = _Alike(shape[1:]) if told else None
     for start in range(0, radiance.shape[slowest], step):
         at = [slice(None)] * 3
         at[slowest] = slice(start, start + step)
@@ -224,7 +226,8 @@ def _radiance(raw, kept, w, progress):
         mapped = raw.numbers()
         found = mapped[kept[bands], at[1], at[2]]
         scratch.release(mapped)
-        alike.look(found, at[1:])
+        if alike:
+            alike.look(found, at[1:])
         with np.errstate(over="ignore", invalid="ignore"):  # HeatCube tells what is not finite
             part = found.astype(np.float64)
             part *= gain[bands, None, None]
@@ -235,9 +238,11 @@ def _radiance(raw, kept, w, progress):
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
     words = []
-    if len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset):
+    if alike:
         for number, pixels in alike.nothing():
-            radiance[:, pixels] = np.nan
+            for band in radiance:
+                band[pixels] = np.nan
+                scratch.release(radiance)
             words.append(f"{number} in every band taken for no measurement")
     radiance.setflags(write=False)
     return radiance, words
