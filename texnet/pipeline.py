@@ -91,7 +91,7 @@ class Decomposition:
                           that is likelier than none, but not surely there; sigma holds it
     environment_error_k   K by which an environment that was given is likely off, and which T and
                           its sigma take into account; 0 where it fits
-    left_out              {wavelength_um: why} of those that were not: dead, hot, or beyond the
+    left_out              {wavelength_um: why} of those that were not: dead, hot, off or beyond the
                           library where they were found to lie
     hue_deg               (materials,) TeX-vision hues
     camera_netd_k         the camera's NETD, as stated or estimated, K

@@ -1,4 +1,4 @@
-"""How much of what is seen nothing in the library explains, and how much noise that is called.
+"""What of the measurement nothing in the library explains, and how much noise that is taken for.
 
 What is left is asked of the quarter of the pixels that fit best, so that neither mixed pixels nor a
 missing material decide, and at more noise than is stated: wrong materials, mirrors above all, make
