@@ -37,10 +37,9 @@ NOISY, UNEVEN, STUCK_NOISE, STUCK_SHARE, MORE = 4.0, 2.2, 2.0, 0.1, 1.2
 OUTERMOST = 0.005  # of the pixels at either end
 LEAST_BANDS, MANY_BANDS = 8, 30
 # K from the nearer of both neighbours, these at most so far apart, um; and the share of the bands
-# that may be so. Of bands 0.125 um apart no material of the starter
-# library, lit by the zenith alone, nor any sky is 3.2 K off, behind up to 3 km of air or none, and
-# where the gain of each of 54 is off by 3 % by itself some by 5.4; of bands 0.17 um apart limestone
-# is 7.5
+# that may be so. Of bands 0.125 um apart no material of the starter library, lit by the zenith
+# alone, nor any sky is 3.2 K off, behind up to 3 km of air or none, and where the gain of each of
+# 54 is off by 3 % by itself some are by 5.4; of bands 0.17 um apart limestone is 7.5
 OFF_K, BESIDE_UM, MOST_OFF = 6.0, 0.13, 0.1
 SAMPLES = 3000  # pixels whose levels are compared
 NO_RADIANCE = f"no radiance in more than {FEW:.0%} of the pixels"

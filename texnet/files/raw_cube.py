@@ -216,9 +216,9 @@ def _radiance(raw, kept, w, progress):
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     gain, offset = (np.broadcast_to(x, shape[0])[kept] for x in (raw.gain, raw.offset))
     radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
-    # of which fills make a spectrum of their own
-    told = len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset)
-    alike = _Alike(shape[1:]) if told else None
+    # where bands have offsets, one number in all of them is a spectrum, but no camera's
+    alike = len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset)
+    filled = {number: np.ones(shape[1:], bool) for number in FILLS if alike}
     for start in range(0, radiance.shape[slowest], step):
         at = [slice(None)] * 3
         at[slowest] = slice(start, start + step)
@@ -226,8 +226,8 @@ def _radiance(raw, kept, w, progress):
         mapped = raw.numbers()
         found = mapped[kept[bands], at[1], at[2]]
         scratch.release(mapped)
-        if alike:
-            alike.look(found, at[1:])
+        for number, pixels in filled.items():
+            pixels[tuple(at[1:])] &= (found == number).all(axis=0)
         with np.errstate(over="ignore", invalid="ignore"):  # HeatCube tells what is not finite
             part = found.astype(np.float64)
             part *= gain[bands, None, None]
@@ -238,38 +238,14 @@ def _radiance(raw, kept, w, progress):
         if progress is not None:
             progress(min(start + step, radiance.shape[slowest]), radiance.shape[slowest], "import")
     words = []
-    if alike:
-        for number, pixels in alike.nothing():
+    for number, pixels in filled.items():
+        if np.count_nonzero(pixels) >= max(FEWEST, FEW * pixels.size):
             for band in radiance:
                 band[pixels] = np.nan
                 scratch.release(radiance)
             words.append(f"{number} in every band taken for no measurement")
     radiance.setflags(write=False)
     return radiance, words
-
-
-class _Alike:
-    """Which pixels of a picture (height, width) hold the same number in all bands, as no camera's
-    do whose bands have offsets."""
-
-    def __init__(self, shape):
-        self.pixels, self.seen, self.first = np.ones(shape, bool), np.zeros(shape, bool), None
-
-    def look(self, found, at):
-        """Take numbers (bands, h, w) into account, of these rows and columns."""
-        at = tuple(at)
-        if self.first is None:
-            self.first = np.empty(self.pixels.shape, found.dtype)
-        self.first[at] = np.where(self.seen[at], self.first[at], found[0])
-        self.seen[at] = True
-        self.pixels[at] &= (found == self.first[at]).all(axis=0)
-
-    def nothing(self):
-        """Yield which of the FILLS there are in many pixels, and these."""
-        for number in FILLS:
-            pixels = self.pixels & (self.first == number)
-            if np.count_nonzero(pixels) >= max(FEWEST, FEW * pixels.size):
-                yield number, pixels
 
 
 def is_ignored(numbers, ignore):
