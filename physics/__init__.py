@@ -10,6 +10,7 @@ sky          the spectrum of a clear sky
 air          the air between scene and camera
 overhead     the sky overhead, from the sky in view
 environment  Environment: the k objects that light a scene
+sky_in_view  which pixels of a cube are sky
 estimate     the environment from the cube's own pixels
 lighting     how much of the light is the sky's
 support      how many of them a scene supports

@@ -1,12 +1,6 @@
 """The environment, from the cube's own pixels (S_1 ... S_k of Eq. 1; the paper's section on k).
 
-1. Sky. Twelve K-means clusters of the spectra are compared with the library's sky: at
-   air mass a and air temperature T a clear sky radiates about B(T) (1 - t^a), t being
-   the zenith transmittance: 1 - e_sky, times that of the vapour that the library's sky
-   lacks. A cluster is sky if this fits clearly better than a grey body, if about as much of
-   B(T) is missing in its clearest band as in the clearest cluster's, if it is in no band colder
-   than sky above it (metal mirrors the clear sky overhead), and if it lies in the picture's upper
-   half (a car's bonnet mirrors the sky, but from below), all together well above the rest.
+1. Which pixels are sky (`sky_in_view`).
 2. The sky's objects. A camera sees the part of the sky near the horizon; a surface is lit
    from overhead, through less air. From the clearest sky in view follows what is seen through less
    of its air (`overhead`): up to three objects (one for k = 2). Of the sky's pixels only those
@@ -27,8 +21,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from sklearn.cluster import KMeans
-from threadpoolctl import threadpool_limits
 
 from .bands import at_nodes, quadrature
 from .cube.dead_pixels import FEW, lit
@@ -39,40 +31,12 @@ from .environment import Environment
 from .errors import InputError
 from .machinery.blas import no_blas_threads
 from .overhead import air_temperature, overhead
-from .planck import brightness_temperature, planck, planck_derivative
-from .sky import MOST_WATER_CM, continuum, sky_radiance, usual_atmosphere
+from .planck import brightness_temperature
+from .sky import MOST_WATER_CM, sky_radiance, usual_atmosphere
+from .sky_in_view import clusters, sky_in_view
 
 USUAL_OBJECTS = 5  # of an environment, where the sky is in view
 SAMPLES = 6000
-SKY_CLUSTERS = 12
-# what the library's sky lacks of water vapour: optical depth of its continuum towards the zenith,
-# at 11 um. With fewer bands than MANY, stone and glass are like a sky of some amount, too
-MORE_VAPOUR, MANY = (0.0, 0.2, 0.6), 6
-# misfit of the best sky over that of the best grey body, at most: with fewer bands, with MANY
-SKY_OVER_GREY, SKY_OVER_GREY_OF_MANY = 0.8, 0.5
-# where the best grey body is so far off, K, there is a sky, be it of another shape than any here
-# (which changed nothing on 50 scenes of no split)
-UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 8.0, 0.7
-AIR_MASSES = np.geomspace(0.1, 40, 60)  # that a sky may be seen through, one for all gases here
-# beyond this the sky is opaque, warm, and no grey body. Of bands that end before it, more is
-# allowed, and those in the flank of water's band at 6.3 um, which grows by other laws, stay out if
-# so many lie beyond it
-OPAQUE_UM, SKY_OVER_GREY_OF_WINDOW, FLANK_UM, LEAST_BEYOND = 13.0, 0.65, 8.4, 4
-# of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
-# horizon; with one band or two, where a grey body cannot be told from one, it must be more
-MISSING, MISSING_OF_FEW = 0.12, {1: 0.2, 2: 0.26}
-# of the picture's height, which sky lies above all else in the mean: on 48 scenes of no split 0.33
-# and more; what passed for sky from straight above, as snow at 220 K, 0.17 and less. A sky that
-# reaches far down in a part of the columns alone is not told from that
-ABOVE = 0.2
-MISSING_RATIO = 0.5  # and of what the clearest cluster misses: below it, sky is mixed with leaves
-# sky is nowhere colder, in K at 300 K, than sky that lies above it. On 69 scenes of no split (44 of
-# them once more with metal for their commonest material), with 4 to 54 bands, of the pixels of two
-# clusters of which one is colder the colder lies below in 0.67 of all pairs at most if it is sky,
-# and in 0.75 and more if it is metal. The one above is to be at least LEAST_ABOVE of the pixels,
-# and of these so many are to lie amid what is like sky: leaves before the sky fill its windows
-COLDER_K, MOSTLY_BELOW, LEAST_ABOVE, LEAST_AMID = 2.0, 0.7, 0.01, 0.7
-LEAST_DOWN = 0.4  # of the picture's height: higher up it may be clear sky below a thin cloud
 # the sky's objects, 0 being the clearest sky in view and 1 the zenith, by the logarithm of the air
 # mass; for k = 1, 2, 3 or 4, 5 and more. Found on fifteen scenes of no split, with 9 and 54 bands
 SKY_OBJECTS = ((), (0.7,), (0.85, 0.2), (0.85, 0.2), (1.0, 0.4, 0.0))
@@ -89,7 +53,6 @@ ASSUMED = (
 CLEAREST = 0.1
 ERROR_K, ASSUMED_ERROR_K = 0.3, 0.5  # of X beyond all that, and under a sky that is assumed
 BESIDE_SKY = 2  # objects, at least, where the sky was measured
-ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them alone
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
@@ -162,13 +125,8 @@ class Sample:
         self.sky = self.inner = np.zeros(len(pick), bool)
         if library.sky_index is None:
             return
-        fit, of_sky = _sky_clusters(self.cube, library, self.spectra, pick, self.row, seed)
-        self.sky = self.inner = of_sky[fit.labels_]
-        if self.sky.any():
-            inner = _amid(of_sky, fit, self.cube, pick[self.sky])
-            if inner.sum() >= ENOUGH:
-                self.inner = self.sky.copy()
-                self.inner[self.sky] = inner
+        of = self.cube, library, self.spectra, pick, self.row, seed
+        self.sky, self.inner = sky_in_view(*of)
 
     def environment(self, k, assume_sky=False, skies=None):
         """Environment of k objects by K-means, those of the sky first: skies (n, bands), if they
@@ -195,7 +153,7 @@ class Sample:
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
-        fit = _clusters(ground, k - len(skies), 3, self.seed)
+        fit = clusters(ground, k - len(skies), 3, self.seed)
         spread = _principal(ground - fit.cluster_centers_[fit.labels_], 1.0) * cube.sigma
         spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
         return Environment(
@@ -259,111 +217,6 @@ def _not_saturated(radiance, wavelength_um):
     """(n,) bool: which pixels of radiance (n, bands) are not, unless more than a few are."""
     full = saturated(HeatCube(radiance.T[:, None], wavelength_um)).ravel()
     return ~full if full.mean() <= FEW else np.ones(len(full), bool)
-
-
-def _sky_clusters(cube, library, spectra, pick, row, seed):
-    """Clusters of the whitened spectra of the picked pixels, and (clusters,) which are sky."""
-    opacity = _opacities(cube, library)
-    fit = _clusters(spectra, SKY_CLUSTERS, 1, seed)
-    centres = fit.cluster_centers_ * cube.sigma
-    scene_k = np.median(brightness_temperature(cube.wavelength_um, centres))
-    missing = np.array([_missing(cube.wavelength_um, c, opacity, scene_k) for c in centres])
-    height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
-    least = MISSING_OF_FEW.get(cube.bands, MISSING)
-    missing[_mirrors(missing > least, fit, cube, pick, row)] = 0.0
-    like = (missing > least)[fit.labels_]
-    below = 1.0 if like.all() else row[~like].mean()
-    # sky lies below the middle where it fills more than half, or it is metal that mirrors sky
-    for lowest in (max(row.mean(), min(like.mean(), below)), row.mean()):
-        high = np.where(height > lowest, 0.0, missing)
-        of_sky = high > max(least, MISSING_RATIO * high.max())
-        sky = of_sky[fit.labels_]
-        # rows are a half in the mean, those of hot pixels, which are not here, included
-        if not (row.any() and sky.any()) or 0.5 - row[sky].mean() >= ABOVE * (1 - sky.mean()):
-            return fit, of_sky
-    return fit, np.zeros_like(of_sky)
-
-
-def _mirrors(like, fit, cube, pick, row):
-    """(clusters,) which of the clusters that are like sky are colder, in a band, than sky above."""
-    rows = [np.sort(row[fit.labels_ == c]) for c in range(len(like))]
-    low = like & (np.array([r.mean() for r in rows]) > LEAST_DOWN)
-    kelvin = fit.cluster_centers_ * cube.sigma / planck_derivative(cube.wavelength_um, 300.0)
-    mirrors = np.zeros_like(like)
-    for above in np.flatnonzero(like):
-        if len(rows[above]) < LEAST_ABOVE * len(row):
-            continue
-        below = [np.searchsorted(rows[above], r).mean() / len(rows[above]) for r in rows]
-        colder = (kelvin[above] - kelvin).max(axis=1) > COLDER_K
-        these = low & colder & (np.array(below) > MOSTLY_BELOW)
-        if these.any() and _amid(like, fit, cube, pick[fit.labels_ == above]).mean() > LEAST_AMID:
-            mirrors |= these
-    return mirrors
-
-
-def _amid(clusters, fit, cube, pixels):
-    """(n,) which of the pixels (n,) have nothing but some clusters, (clusters,) bool, around."""
-    around = _neighbours(pixels, cube.shape)
-    near = fit.predict(cube.pixels(around.ravel()) / cube.sigma)
-    return clusters[near].reshape(around.shape).all(axis=0)
-
-
-def _neighbours(pixel, shape):
-    """(8, n) indices of the neighbours of pixels (n,); beyond the border, the nearest within."""
-    row, column = np.divmod(pixel, shape[1])
-    step = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
-    rows = np.clip([row + i for i, _ in step], 0, shape[0] - 1)
-    return rows * shape[1] + np.clip([column + j for _, j in step], 0, shape[1] - 1)
-
-
-def _opacities(cube, library):
-    """(skies, bands) of the library's sky, with more vapour too, at all AIR_MASSES."""
-    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-    vapour = continuum(nodes) / continuum(11.0)
-    zenith = _transmittance(cube, library)
-    more = MORE_VAPOUR if cube.bands >= MANY else MORE_VAPOUR[:1]
-    skies = [(zenith * np.exp(-m * vapour)) ** AIR_MASSES[:, None, None] for m in more]
-    return 1 - np.concatenate(skies).mean(axis=-1)
-
-
-def _transmittance(cube, library):
-    """(bands, n) of the atmosphere towards the zenith, at wavelengths that sample each band: a
-    wide one may hold a strong line and yet be clear."""
-    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
-    return 1 - library.at(nodes)[library.sky_index]
-
-
-def _missing(wavelength_um, spectrum, opacity, scene_k):
-    """How far below B(T_air) a sky-like spectrum falls in its clearest band, 0..1; 0 where a
-    grey body fits nearly as well as a sky, of opacity (skies, bands)."""
-    bands, ends_before = wavelength_um.size, wavelength_um[-1] < OPAQUE_UM
-    beyond = wavelength_um > FLANK_UM
-    if ends_before and np.count_nonzero(beyond) >= LEAST_BEYOND:
-        wavelength_um, spectrum = wavelength_um[beyond], spectrum[beyond]
-        opacity = opacity[:, beyond]
-    t = brightness_temperature(wavelength_um, spectrum)
-    air_k = np.linspace(t.max() - 2, max(t.max() + 12, scene_k), 20)[:, None, None]
-    glow = planck(wavelength_um, air_k)
-    per_kelvin = planck_derivative(wavelength_um, 300.0)
-
-    def best(models):
-        misfit = np.sqrt((((models - spectrum) / per_kelvin) ** 2).mean(axis=-1))
-        return misfit.min(), np.unravel_index(misfit.argmin(), misfit.shape)
-
-    sky, (_, j) = best(glow * opacity)
-    grey, _ = best(glow * np.linspace(0.02, 1, 60)[:, None])
-    of_many = SKY_OVER_GREY_OF_WINDOW if ends_before else SKY_OVER_GREY_OF_MANY
-    most = SKY_OVER_GREY if bands < MANY else of_many
-    if grey > UNLIKE_GREY_K:
-        most = max(most, SKY_OVER_GREY_OF_UNLIKE)
-    return 1 - opacity[j].min() if sky < most * grey or bands < 3 else 0.0
-
-
-def _clusters(spectra, k, starts, seed):
-    """K-means, with no more clusters than there are different spectra."""
-    k = min(k, len(np.unique(spectra, axis=0)))
-    with threadpool_limits(1, "openmp"):  # on so little, many threads wait for each other
-        return KMeans(k, n_init=starts, random_state=seed).fit(spectra)
 
 
 def _principal(deviations, noise):

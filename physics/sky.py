@@ -130,12 +130,6 @@ def usual_atmosphere(air_temperature_k, humidity=HUMIDITY):
     return Atmosphere(t, min(humidity * column_cm, MOST_WATER_CM))
 
 
-def continuum(wavelength_um):
-    """How strongly water vapour that broadens itself absorbs between its lines, in units of its
-    own, at 296 K."""
-    return _coefficients("self_296", 1e4 / wavelength_um) * _radiation(1e4 / wavelength_um, 296.0)
-
-
 def air_mass(cos_zenith):
     """Relative air mass: 1 at the zenith, 37.9 at (and below) the horizon.
 

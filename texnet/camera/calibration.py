@@ -33,7 +33,6 @@ from typing import NamedTuple
 import numpy as np
 
 from physics.air import Air
-from physics.estimate import OPAQUE_UM
 from physics.planck import brightness_temperature
 
 from .air_between import air_between
@@ -57,6 +56,7 @@ AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
 # times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
 # to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
 CURVES_LEAVE = 1.1
+OPAQUE_UM = 13.0  # from here on a sky is as warm as the air near the ground
 
 
 def calibration(cube, environment, looks, library, left_out=None, moved=False):
