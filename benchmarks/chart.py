@@ -45,7 +45,7 @@ from benchmarks.peers.scipy_fit import fit_all
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import read_csv, settings, whole_scenes, write_csv
 from benchmarks.threads import THREADS, on_two_threads
-from physics.bands import equidistant_bands
+from physics.bands import equidistant_bands, quadrature
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.exact.reduced import reduce_model
@@ -83,7 +83,7 @@ class Scene:
         w, fwhm = equidistant_bands(bands)
         self.cube, self.truth = traced.shade(self.library, w, fwhm, NETD_K)
         self.law = BandPlanck(w, fwhm)
-        self.curves = self.library.of_bands(w, fwhm)
+        self.curves = self.library.of_bands(quadrature(w, fwhm))
         self.sky = surroundings(traced, self.truth, w, fwhm)
 
 

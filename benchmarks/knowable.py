@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from benchmarks.colours import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
-from physics.bands import equidistant_bands
+from physics.bands import equidistant_bands, quadrature
 from physics.eq1 import render
 from physics.identifiability import cramer_rao, jacobian
 from physics.library import SKY, MaterialLibrary
@@ -57,7 +57,7 @@ def all_apart(library, bands, objects_at, temperature_k):
     """(L, L) noise standard deviations from each material of a MaterialLibrary, at a temperature,
     K, lit by both objects alike, to each other one. objects_at(wavelength_um) -> (2, bands)."""
     w, fwhm = equidistant_bands(bands)
-    e, objects, noise = library.of_bands(w, fwhm), objects_at(w), noise_sigma(w, NETD_K)
+    e, objects, noise = library.of_bands(quadrature(w, fwhm)), objects_at(w), noise_sigma(w, NETD_K)
     spectra = render(np.full(len(e), temperature_k), e, np.array([0.5, 0.5]), objects, w)[0]
     return np.stack([apart(spectra, other, objects, w, noise) for other in e], axis=1)
 
@@ -77,7 +77,7 @@ def enclosure(wavelength_um):
 def least_sigmas(library):
     """What T, K, and V may be off by at least, both (L,), for each material of a library."""
     w, fwhm = equidistant_bands(BANDS)
-    e = library.of_bands(w, fwhm)
+    e = library.of_bands(quadrature(w, fwhm))
     t = np.full(len(e), SURFACE_K)
     j = jacobian(w, noise_sigma(w, NETD_K), e, sky_and_ground(w), t)
     return np.sqrt(np.moveaxis(np.linalg.inv(j.mT @ j).diagonal(axis1=1, axis2=2), 1, 0))
@@ -85,7 +85,7 @@ def least_sigmas(library):
 
 def _mirrors(ax, library):
     w, fwhm = equidistant_bands(BANDS)
-    reflected = 1 - library.of_bands(w, fwhm).mean(axis=1)
+    reflected = 1 - library.of_bands(quadrature(w, fwhm)).mean(axis=1)
     temperature, lighting = least_sigmas(library)
     ax.loglog(reflected, temperature, "o", color=BLUE, label="T (K)")
     ax.loglog(reflected, lighting, "s", color=ORANGE, label="V, of 1")
@@ -108,7 +108,7 @@ def _objects(ax, library):
         least = []
         for n in bands:
             w, fwhm = equidistant_bands(n)
-            e = library.subset(["concrete"]).of_bands(w, fwhm)
+            e = library.subset(["concrete"]).of_bands(quadrature(w, fwhm))
             objects, noise = sky_and_ground(w, k), noise_sigma(w, NETD_K)
             least.append(cramer_rao(w, noise, e, objects, np.array([SURFACE_K]))[0])
         ax.loglog(bands, least, "o-", color=colour, label=f"k = {k}")

@@ -81,7 +81,7 @@ def paper_decompose(cube, library, environment):
         dead=cube.dead,
         hot=np.zeros(cube.shape, bool),
         wavelength_um=cube.wavelength_um,
-        emissivity=library.of_bands(cube.wavelength_um, cube.fwhm_um),
+        emissivity=library.of_bands(cube.nodes_um),
         hue_deg=library.hue_deg,
         camera_netd_k=cube.netd_k,
         netd_k=cube.netd_k,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bands import at_nodes, quadrature
+from .bands import at_nodes
 from .planck import planck
 from .sky import level_transmittance, usual_atmosphere
 
@@ -32,12 +32,12 @@ class Air(NamedTuple):
     absorption: tuple[float, ...] = ()
 
     @staticmethod
-    def of(metres, temperature_k, wavelength_um, fwhm_um, absorption=()):
-        """Air of usual humidity, at bands (bands,) of centres and widths in um, whose optical depth
-        is so many times as much in each, if that is not ()."""
-        atmosphere, nodes = usual_atmosphere(temperature_k), quadrature(wavelength_um, fwhm_um)
-        t = at_nodes(lambda w: level_transmittance(w, metres, atmosphere), nodes)
+    def of(metres, temperature_k, nodes_um, absorption=()):
+        """Air of usual humidity, at bands of nodes (bands, n) in um (`HeatCube.nodes_um`), whose
+        optical depth is so many times as much in each, if that is not ()."""
+        atmosphere = usual_atmosphere(temperature_k)
+        t = at_nodes(lambda w: level_transmittance(w, metres, atmosphere), nodes_um)
         t = np.maximum(t ** np.array(absorption)[:, None] if len(absorption) else t, OPAQUE)
-        path_radiance = (1 - t) * at_nodes(lambda w: planck(w, temperature_k), nodes)
+        path_radiance = (1 - t) * at_nodes(lambda w: planck(w, temperature_k), nodes_um)
         means = (tuple(a.mean(axis=-1).tolist()) for a in (t, path_radiance))
         return Air(float(metres), float(temperature_k), *means, tuple(absorption))

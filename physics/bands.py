@@ -1,23 +1,36 @@
-"""Bands of finite width: a box response, integrated by equally spaced wavelengths."""
+"""Bands of finite width: their response, integrated by wavelengths of equal weight."""
+
+from statistics import NormalDist
 
 import numpy as np
 
 from .errors import InputError
 
-MAX_SPACING_UM = 0.125
+BOX, GAUSSIAN = RESPONSES = ("box", "gaussian")
+MAX_SPACING_UM = 0.125  # where a band responds most
+SIGMAS = 2 * np.sqrt(2 * np.log(2))  # in the full width of a Gaussian at half maximum
 NARROW_UM = 1e-4  # the least width of a mean
 
 
-def quadrature(wavelength_um, fwhm_um):
-    """Wavelengths that sample each box band densely enough for library and sky spectra.
+def quadrature(wavelength_um, fwhm_um, response=BOX):
+    """Wavelengths that sample each band densely enough for library and sky spectra.
 
-    wavelength_um, fwhm_um  (bands,) centres and widths in um
-    Returns (bands, n): n midpoints per band, at most 0.125 um apart; their plain mean
-    over the last axis is the band average. n = 1 (the centre) where all bands are narrow.
+    wavelength_um, fwhm_um  (bands,) centres and full widths at half maximum in um
+    response                "box" or "gaussian"
+    Returns (bands, n), ascending in each: of n parts of a band to which it responds equally, their
+    means; of a Gaussian, stretched so that its variance comes out. The plain mean over the last
+    axis is the band average, of boxes at wavelengths at most 0.125 um apart, as in the middle of
+    Gaussians. n = 1 (the centre) where all bands are narrow.
     """
     centre, width = np.asarray(wavelength_um, float), np.asarray(fwhm_um, float)
-    n = max(1, int(np.ceil(width.max() / MAX_SPACING_UM - 1e-9)))
+    spread = 1.0 if response == BOX else np.sqrt(2 * np.pi) / SIGMAS  # area over height, in widths
+    n = max(1, int(np.ceil(spread * width.max() / MAX_SPACING_UM - 1e-9)))
     offsets = (np.arange(n) + 0.5) / n - 0.5
+    if response == GAUSSIAN and n > 1:
+        normal = NormalDist()
+        edges = [0, *(normal.pdf(normal.inv_cdf(i / n)) for i in range(1, n)), 0]
+        offsets = -np.diff(edges)
+        offsets /= offsets.std() * SIGMAS
     return centre[:, None] + width[:, None] * offsets
 
 

@@ -137,9 +137,10 @@ class _Scene(NamedTuple):
         return model, solve_local(model, self.spectra)
 
     def library(self, names, curves, descriptions=None):
-        w, width = self.cube.wavelength_um, self.cube.fwhm_um
+        w, width, nodes = self.cube.wavelength_um, self.cube.fwhm_um, self.cube.nodes_um
         ends = np.array([w[0], w[-1]]) + np.diff(w)[[0, -1]] * [-0.5, 0.5]  # if bands are narrow
-        ends = min(ends[0], (w - width / 2).min()), max(ends[1], (w + width / 2).max())
+        low, high = np.minimum(w - width / 2, nodes[:, 0]), np.maximum(w + width / 2, nodes[:, -1])
+        ends = min(ends[0], low.min()), max(ends[1], high.max())
         e = np.pad(np.concatenate([self.sky_curve[None], curves]), ((0, 0), (1, 1)), mode="edge")
         grid = np.concatenate([ends[:1], w, ends[1:]])
         level = [0.0] + [LEVEL_SIGMA] * (len(names) - 1)  # the first is the sky

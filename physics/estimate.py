@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from .bands import at_nodes, quadrature
+from .bands import at_nodes
 from .cube.dead_pixels import FEW, lit
 from .cube.heat_cube import HeatCube
 from .cube.hot import split_hot, spread_of_hot
@@ -171,9 +171,9 @@ class Sample:
         visible, cold = inner * cube.sigma, inner.mean(axis=1)
         seen = visible[cold <= np.quantile(cold, CLEAREST)].mean(axis=0)
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
-        air = air_temperature(w, cube.fwhm_um, visible, seen, scene_k)
+        air = air_temperature(w, cube.nodes_um, visible, seen, scene_k)
         shares = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]
-        skies, within = overhead(w, cube.fwhm_um, cube.sigma, seen, *air, shares)
+        skies, within = overhead(w, cube.nodes_um, cube.sigma, seen, *air, shares)
         mean = skies.mean(axis=0)
         deviations = (skies - mean) / cube.sigma
         return mean / cube.sigma, deviations.reshape(-1, cube.bands), within
@@ -181,7 +181,7 @@ class Sample:
     def _assumed_sky(self):
         """The same of a sky that is not in view, which is one object."""
         cube = self.cube
-        nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+        nodes = cube.nodes_um
         t = brightness_temperature(cube.wavelength_um, self.spectra * cube.sigma).max(axis=1)
         skies = []
         for warmer, vapour, cosine in ASSUMED:

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bands import quadrature
 from .errors import InputError
 from .planck import noise_sigma, planck
 from .prior import MIN_TEMPERATURE_SPREAD_K, SampledSpectra, usual_temperature
@@ -75,7 +74,7 @@ def known_arrays(cube, library, environment):
             f"environment: the network takes {MAX_OBJECTS} objects, got {len(environment)}; give "
             "fewer, or take method local or sgd."
         )
-    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    nodes = cube.nodes_um
     curves = library.at(nodes)
     pixels = SampledSpectra.of(cube)
     t, mean = pixels.brightness_k.mean(axis=1), usual_temperature(cube, environment, pixels)

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .bands import quadrature
 from .cube.heat_cube import check_wavelength, numbers
 from .errors import InputError
 from .machinery.json_file import read_json
@@ -143,10 +142,10 @@ class MaterialLibrary(ReadOnly):
         little glow of their own they may look like anything. Raises InputError as `at`."""
         return self.at(wavelength_um).mean(axis=1) < MIRROR
 
-    def of_bands(self, wavelength_um, fwhm_um):
-        """(materials, bands) means over bands of centres and widths (bands,) in um. Raises
-        InputError as `at`."""
-        return self.at(quadrature(wavelength_um, fwhm_um)).mean(axis=-1)
+    def of_bands(self, nodes_um):
+        """(materials, bands) means over bands of nodes (bands, n) in um, as `HeatCube.nodes_um` or
+        `bands.quadrature` have them. Raises InputError as `at`."""
+        return self.at(nodes_um).mean(axis=-1)
 
     def covers(self, wavelength_um):
         """(...) bool: whether the library's curves reach to wavelengths (...) in um."""

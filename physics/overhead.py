@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .bands import at_nodes, band_means, quadrature
+from .bands import at_nodes, band_means
 from .planck import brightness_temperature, planck, planck_derivative
 from .sky import MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
 
@@ -51,24 +51,23 @@ class _Air(NamedTuple):
         )  # fmt: skip
 
 
-def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
+def overhead(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k, shares):
     """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely; and the model's own
     (shares, bands, n) at the nodes of each band.
 
-    wavelength_um, fwhm_um  (bands,) um
+    wavelength_um, nodes_um  (bands,) and (bands, n) um, as a HeatCube has them
     noise, seen             (bands,) standard deviation and spectrum of the clearest sky in view
     air_k, air_doubt_k      K of the air, and its standard deviation (`air_temperature`)
     shares                  of the way to the zenith, by the logarithm of the air mass: 0 is the sky
                             in view, 1 the zenith
     """
-    nodes = quadrature(wavelength_um, fwhm_um)
     usual = usual_atmosphere(air_k)
     mean = np.array(_Air(air_k, np.log(USUAL_MASS), np.log(usual.water_cm), np.log(usual.ozone_du)))
     scale = np.array([air_doubt_k, MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT])
 
     def model(x, shares=(0.0,)):
         air = _Air(*(mean + scale * x))
-        return air.temperature_k, _skies(nodes, air, np.asarray(shares)).mean(axis=-1)
+        return air.temperature_k, _skies(nodes_um, air, np.asarray(shares)).mean(axis=-1)
 
     def deviation(x):
         """Of the model from the sky in view, in standard deviations of either."""
@@ -78,7 +77,7 @@ def overhead(wavelength_um, fwhm_um, noise, seen, air_k, air_doubt_k, shares):
     x, spread = _most_likely(deviation, len(mean))
     points = x + len(mean) ** 0.5 * np.concatenate([spread.T, -spread.T])
     skies = [_through(wavelength_um, seen, *model(p, (0.0, *shares))) for p in points]
-    return np.array(skies), _skies(nodes, _Air(*(mean + scale * x)), np.asarray(shares))
+    return np.array(skies), _skies(nodes_um, _Air(*(mean + scale * x)), np.asarray(shares))
 
 
 def _skies(nodes, air, shares):
@@ -131,7 +130,7 @@ def _through(wavelength_um, seen, air_k, skies):
     return glow * -np.expm1(-own[1:] * np.exp(more))
 
 
-def air_temperature(wavelength_um, fwhm_um, sky, seen, scene_k):
+def air_temperature(wavelength_um, nodes_um, sky, seen, scene_k):
     """K, of the air, and its standard deviation: of what most of the sky (n, bands), and seen
     (bands,), show in the most opaque band, and as much more as usual air is warmer than it looks
     there; and, where no band is opaque, of scene_k, what the scene looks like."""
@@ -140,8 +139,7 @@ def air_temperature(wavelength_um, fwhm_um, sky, seen, scene_k):
         np.quantile(warmest, OPAQUE_QUANTILE), brightness_temperature(wavelength_um, seen).max()
     )
     usual = usual_atmosphere(max(shown, scene_k))
-    nodes, mass = quadrature(wavelength_um, fwhm_um), np.array([USUAL_MASS])
-    (s,) = band_means(lambda w: sky_along(w, mass, usual), nodes)
+    (s,) = band_means(lambda w: sky_along(w, np.array([USUAL_MASS]), usual), nodes_um)
     excess = usual.air_temperature_k - brightness_temperature(wavelength_um, s).max()
     k = np.array([shown + excess, scene_k])
     precision = np.array([np.hypot(AIR_DOUBT_K, EXCESS_DOUBT * excess), SCENE_DOUBT_K]) ** -2.0

@@ -19,7 +19,7 @@ import numpy as np
 from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
-from .bands import band_means, quadrature
+from .bands import band_means
 from .machinery.blas import no_blas_threads
 from .planck import brightness_temperature, planck, planck_derivative
 from .sky import sky_along, usual_atmosphere
@@ -98,7 +98,7 @@ class _Skies:
 
     def __init__(self, cube, library, spectra):
         self.w, self.spectra = cube.wavelength_um, spectra
-        self.nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+        self.nodes = cube.nodes_um
         self.per_kelvin = planck_derivative(self.w, 300.0)
         self.scene_k = np.median(brightness_temperature(self.w, spectra))
         self.grey = np.tile(np.linspace(0.02, 1, 60)[:, None], cube.bands)

@@ -11,7 +11,7 @@ from traced import names_of, one_thread, right, said, scene_of, traced  # noqa: 
 
 from physics import HeatCube, InputError, MaterialLibrary
 from physics.air import OPAQUE, Air
-from physics.bands import equidistant_bands
+from physics.bands import equidistant_bands, quadrature
 from physics.environment import Environment
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
@@ -62,7 +62,7 @@ def behind(cube, truth, metres, humidity=0.5, kelvin=285.0):
 @given(metres, kelvins)
 @settings(max_examples=20)
 def test_a_black_body_as_warm_as_the_air_looks_the_same_through_it(metres, kelvin):
-    air = Air.of(metres, kelvin, W, np.zeros(13))
+    air = Air.of(metres, kelvin, quadrature(W, np.zeros(13)))
     black = planck(W, kelvin)
     np.testing.assert_allclose(air.transmittance * black + air.path_radiance, black, rtol=1e-12)
 
@@ -117,7 +117,7 @@ def test_carbon_dioxide_and_vapour_close_the_window_from_its_ends():
 @settings(max_examples=20)
 def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, offset_k):
     s = planck(W, np.linspace(250, 320, 20)[:, None]).T.reshape(13, 4, 5)
-    cube, air = HeatCube(s, W, FWHM, 0.05), Air.of(metres, kelvin, W, FWHM)
+    cube, air = HeatCube(s, W, FWHM, 0.05), Air.of(metres, kelvin, quadrature(W, FWHM))
     seen = through(cube, air)
     c = Calibration(gain, offset_k, air=air)
     offset = noise_sigma(W, offset_k)[:, None, None]
@@ -130,7 +130,7 @@ def test_the_correction_undoes_what_air_and_camera_did(metres, kelvin, gain, off
 
 
 def test_the_sky_overhead_is_not_behind_the_air():
-    air = Air.of(300.0, 285.0, W, FWHM)
+    air = Air.of(300.0, 285.0, quadrature(W, FWHM))
     spectra = planck(W, np.array([[230.0], [290.0]]))
     seen = Environment(spectra, W, sky=(0,), sky_mean=planck(W, 280.0))
     own = corrected_environment(seen, Calibration(air=air))
@@ -288,11 +288,11 @@ def test_each_part_is_as_far_as_the_air_before_it_says():
 
 def test_pixels_are_corrected_by_the_air_before_them():
     cube = traced("forest", 24)[0]
-    c = Calibration(1.03, 0.5, air=Air.of(100.0, 283.0, cube.wavelength_um, cube.fwhm_um))
+    c = Calibration(1.03, 0.5, air=Air.of(100.0, 283.0, cube.nodes_um))
     metres = np.geomspace(20, 1000, cube.shape[1]) * np.ones(cube.shape)
     near = corrected(cube, c, Distances(metres, 500.0))
     for column in (0, 30, 71):
-        of = Air.of(metres[0, column], 283.0, cube.wavelength_um, cube.fwhm_um)
+        of = Air.of(metres[0, column], 283.0, cube.nodes_um)
         by_itself = corrected(cube, c._replace(air=of)).radiance[..., column]
         t = lambda s: brightness_temperature(cube.wavelength_um[:, None], s)
         np.testing.assert_allclose(
@@ -303,7 +303,7 @@ def test_pixels_are_corrected_by_the_air_before_them():
 @given(st.floats(10, 1000), st.floats(260, 300), st.floats(-5, 5))
 @settings(max_examples=20)
 def test_bands_are_as_noisy_as_air_that_absorbs_otherwise_moves_them(metres, kelvin, warmer):
-    air, share = Air.of(metres, kelvin, W, FWHM), 1e-3
+    air, share = Air.of(metres, kelvin, quadrature(W, FWHM)), 1e-3
     t, glow = np.array(air.transmittance), planck(W, kelvin)
     air = air._replace(path_radiance=tuple((1 - t) * glow))
     warm = HeatCube(np.broadcast_to(planck(W, kelvin + warmer)[:, None, None], (13, 4, 4)), W)
@@ -323,7 +323,7 @@ def test_bands_are_as_noisy_as_air_that_absorbs_otherwise_moves_them(metres, kel
 @settings(max_examples=20)
 def test_t_is_in_doubt_by_as_much_as_other_air_would_move_it(metres, kelvin, warmer, share):
     """Of black bodies, whose T one band shows: of what is as warm as the air, by nothing."""
-    air = Air.of(metres, kelvin, W, FWHM * 1e-3)
+    air = Air.of(metres, kelvin, quadrature(W, FWHM * 1e-3))
     t, glow, band = np.array(air.transmittance), planck(W, kelvin), 4
     warm = HeatCube(np.broadcast_to(planck(W, kelvin + warmer)[:, None, None], (13, 5, 5)), W)
 
@@ -352,10 +352,10 @@ def test_t_is_in_doubt_by_as_much_as_other_air_would_move_it(metres, kelvin, war
 @given(metres, kelvins, st.lists(st.floats(0.3, 3), min_size=13, max_size=13))
 def test_air_that_absorbs_so_many_times_as_much_is_so_many_times_as_deep(metres, kelvin, times):
     narrow = np.full(13, 1e-3)
-    usual = Air.of(metres, kelvin, W, narrow)
+    usual = Air.of(metres, kelvin, quadrature(W, narrow))
     t = np.maximum(np.array(usual.transmittance) ** times, OPAQUE)
     seen = np.array(usual.transmittance) > OPAQUE
-    other = Air.of(metres, kelvin, W, narrow, tuple(times))
+    other = Air.of(metres, kelvin, quadrature(W, narrow), tuple(times))
     np.testing.assert_allclose(np.array(other.transmittance)[seen], t[seen], rtol=1e-6)
     glow = (1 - np.array(other.transmittance)) * planck(W, kelvin)
     np.testing.assert_allclose(other.path_radiance, glow, rtol=1e-4)
@@ -363,7 +363,7 @@ def test_air_that_absorbs_so_many_times_as_much_is_so_many_times_as_deep(metres,
 
 def test_of_many_distances_the_noise_is_that_of_a_far_one():
     cube = traced("forest", 24)[0]
-    of = lambda m: Calibration(air=Air.of(m, 283.0, cube.wavelength_um, cube.fwhm_um))
+    of = lambda m: Calibration(air=Air.of(m, 283.0, cube.nodes_um))
     metres = np.where(np.arange(cube.shape[1]) < 20, 50.0, 400.0) * np.ones(cube.shape)
     distances = Distances(metres, 400.0)
     several, all_far = corrected(cube, of(100.0), distances), corrected(cube, of(400.0))
@@ -386,7 +386,7 @@ def test_neither_the_sky_nor_what_is_dead_is_a_far_part_of_the_ground():
 
 def test_what_would_be_darker_than_dark_is_unlikely():
     """By the chi-square of the noise that would make it so."""
-    air = Air.of(1000.0, 290.0, W, FWHM)
+    air = Air.of(1000.0, 290.0, quadrature(W, FWHM))
     t, glow = (np.array(a)[:, None, None] for a in (air.transmittance, air.path_radiance))
     s = planck(W[:, None], np.array([250.0, 300.0]))[..., None]  # where opaque, less than the glow
     cube, c = HeatCube(s, W, FWHM, 1.0), Calibration(air=air)
@@ -401,7 +401,7 @@ def test_what_correcting_hides_counts_against_an_air():
     cube, _ = traced("forest", 24)
     certain = lambda environment, part, seen: {"log_evidence": np.zeros(part.shape)}
     pixels = SampledPixels(cube, estimate_environment(cube, LIBRARY, 5), LIBRARY, lambda: certain)
-    hot = Calibration(air=Air.of(1000.0, 300.0, cube.wavelength_um, cube.fwhm_um))
+    hot = Calibration(air=Air.of(1000.0, 300.0, cube.nodes_um))
     nats = pixels.nats(certain, hot)
     np.testing.assert_allclose(nats, lifted_nats(cube, hot).ravel())
     assert nats.max() > 1 and (pixels.nats(certain, RIGHT) == 0).all()
@@ -409,7 +409,7 @@ def test_what_correcting_hides_counts_against_an_air():
 
 def test_noise_by_band_stays_with_the_cube():
     cube = traced("forest", 24)[0]
-    air = Air.of(300.0, 283.0, cube.wavelength_um, cube.fwhm_um)
+    air = Air.of(300.0, 283.0, cube.nodes_um)
     behind = corrected(cube, Calibration(air=air))
     np.testing.assert_allclose(from_afar(behind, 4).sigma, behind.sigma / 2)
     some = np.arange(24) % 3 > 0
@@ -428,13 +428,13 @@ def octaves(nats, *among):
     """(6, 7) octaves taken where air at each of OCTAVES costs nats (octaves, 6, 7)."""
     s = planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7))
     of = lambda c: nats[np.abs(OCTAVES - np.log2(c.air.metres / 100)).argmin()]
-    here = Calibration(air=Air.of(100.0, 283.0, W, FWHM))
+    here = Calibration(air=Air.of(100.0, 283.0, quadrature(W, FWHM)))
     return likeliest_octaves(here, NegativeLogEvidence(of), HeatCube(s, W, FWHM, 0.05), *among)
 
 
 def test_all_distances_are_judged_by_one_noise_of_what_is_shown():
     """By that of their own air's error the farther would be likelier, being noisier."""
-    air = Air.of(100.0, 283.0, W, FWHM)
+    air = Air.of(100.0, 283.0, quadrature(W, FWHM))
     cube = HeatCube(planck(W, 290.0)[:, None, None] * np.ones((1, 6, 7)), W, FWHM, 0.05)
     shown = []
 
@@ -464,7 +464,7 @@ def test_the_likeliest_distance_is_as_sure_as_the_pixels_are(octave, seed):
 
 def test_none_is_looked_for_without_sky_in_view_or_where_the_environment_is_given():
     cube = traced("room", 54)[0]
-    hazy = through(cube, Air.of(200.0, 280.0, cube.wavelength_um, cube.fwhm_um))
+    hazy = through(cube, Air.of(200.0, 280.0, cube.nodes_um))
     assert decompose(hazy).air_m == 0
     cube, truth = traced("forest", 54)
     given = Environment(planck(cube.wavelength_um, np.array([[285.0]])), cube.wavelength_um)

@@ -101,7 +101,7 @@ def test_no_feature_of_a_material_is_a_band_that_is_off(material, metres):
     sky = sky_radiance(nodes.ravel(), [1.0], air)[0].reshape(nodes.shape)
     light = v * sky + (1 - v) * planck(nodes, 288.0)
     s = (e * planck(nodes, kelvin) + (1 - e) * light).mean(axis=-1)
-    between = Air.of(metres, 288.0, w, fwhm)
+    between = Air.of(metres, 288.0, quadrature(w, fwhm))
     s = np.array(between.transmittance) * s + np.array(between.path_radiance)
     s += noise_sigma(w, 0.05) * rng.normal(size=s.shape)
     cube = HeatCube(np.moveaxis(s, -1, 0).astype(np.float32), w, fwhm, 0.05)

@@ -128,7 +128,7 @@ def test_what_is_far_hotter_may_be_hundreds_of_kelvin_hotter_than_it_looks(name,
     """Bare metal, by Eq. 1, under a sky and among what is as warm as the air."""
     cube = traced("forest")[0]
     around, rng = estimate_environment(cube, LIBRARY), np.random.default_rng(0)
-    e = LIBRARY.of_bands(cube.wavelength_um, cube.fwhm_um)[LIBRARY.index(name)]
+    e = LIBRARY.of_bands(cube.nodes_um)[LIBRARY.index(name)]
     v = rng.dirichlet(np.ones(len(around)), 200)
     s = e * planck(cube.wavelength_um, kelvin) + (1 - e) * (v @ around.radiance)
     s += noise_sigma(cube.wavelength_um, cube.netd_k) * rng.normal(size=s.shape)

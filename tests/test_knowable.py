@@ -15,7 +15,7 @@ from benchmarks.knowable import (
     least_sigmas,
     sky_and_ground,
 )
-from physics.bands import equidistant_bands
+from physics.bands import equidistant_bands, quadrature
 from physics.library import SKY, MaterialLibrary
 from physics.planck import noise_sigma, planck
 
@@ -25,7 +25,8 @@ LIBRARY = MaterialLibrary.starter().subset(NAMES)
 
 def test_two_materials_are_as_far_apart_as_a_search_from_many_starts_says():
     w, fwhm = equidistant_bands(9)
-    e, objects, noise = LIBRARY.of_bands(w, fwhm), sky_and_ground(w), noise_sigma(w, NETD_K)
+    e = LIBRARY.of_bands(quadrature(w, fwhm))
+    objects, noise = sky_and_ground(w), noise_sigma(w, NETD_K)
     seen = e[2] * planck(w, 293.0) + (1 - e[2]) * (0.3 * objects[0] + 0.7 * objects[1])
     for other in e:
 

@@ -176,6 +176,10 @@ def _cubes(to):
         help="where the file does not say: width of every band in um, or in cm-1 if the bands are",
     )  # fmt: skip
     p.add_argument(
+        "--response", choices=("box", "gaussian"),
+        help="of the bands, whose widths are at half maximum: box, unless the file says another",
+    )  # fmt: skip
+    p.add_argument(
         "--netd", metavar="K", type=_above_0, help="sensor noise in K at 300 K, if known"
     )
     for name in ("--rows", "--columns"):

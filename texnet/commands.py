@@ -30,7 +30,8 @@ def import_(args):
     with progress_bar() as report:
         cube, note = import_cube(
             args.file, args.unit, args.wavelengths, args.wavenumbers, args.netd, report,
-            fwhm=args.fwhm, rows=args.rows, columns=args.columns, range_um=args.range,
+            fwhm=args.fwhm, response=args.response, rows=args.rows, columns=args.columns,
+            range_um=args.range,
         )  # fmt: skip
     write_cube(cube, args.out)
     text = f"{note}\n{_size(args.out, cube)}"
@@ -44,7 +45,7 @@ def import_(args):
 
 def simulate(args):
     with loading():
-        from physics.bands import equidistant_bands
+        from physics.bands import BOX, equidistant_bands
         from physics.machinery.whole_file import check_writable, whole_file
         from physics.simulator import simulate as trace
         from physics.simulator.presets import preset
@@ -64,13 +65,15 @@ def simulate(args):
             raise InputError(
                 f"{beside} would be taken for the truth of {other}, too; choose another name."
             )
-    wavelength_um, fwhm_um = read_bands(args.bands) if named else equidistant_bands(args.bands)
+    bands = read_bands(args.bands) if named else (*equidistant_bands(args.bands), BOX)
+    wavelength_um, fwhm_um, response = bands
     is_file = Path(args.scene).suffix.lower() == ".json"
     scene = load_scene(args.scene) if is_file else preset(args.scene, args.seed)
     with progress_bar() as report:
         cube, truth = trace(
             scene, wavelength_um=wavelength_um, fwhm_um=fwhm_um, size=args.size, spp=args.spp,
             netd_k=args.netd, seed=args.seed, progress=lambda n, of: report(n, of, "simulate"),
+            response=response,
         )  # fmt: skip
     with whole_file(beside) as truth_part, whole_file(args.out) as cube_part:
         write_cube(cube, cube_part)

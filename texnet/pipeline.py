@@ -263,7 +263,7 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
         sky_assumed=of.sky_assumed,
         wavelength_um=ready.stated_um,
-        emissivity=library.of_bands(of.cube.wavelength_um, of.cube.fwhm_um),
+        emissivity=library.of_bands(of.cube.nodes_um),
         hue_deg=library.hue_deg, camera_netd_k=ready.camera_netd_k,
         netd_k=of.cube.netd_k, noise_raised=found.noise * ready.cube.netd_k / ready.camera_netd_k,
         spectral_shift_um=ready.shift_um, calibration_error_k=float(calibration_error_k),
@@ -286,7 +286,7 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
     if shared_k:
         e = None
         if of.given:
-            means = library.of_bands(cube.wavelength_um, cube.fwhm_um).mean(axis=1)
+            means = library.of_bands(cube.nodes_um).mean(axis=1)
             e = np.where(library.is_sky, 1.0, means).astype(np.float32)[maps["material"]]
         sigma = with_calibration_error(sigma, t, cube.wavelength_um, shared_k, e)
     if another_k := math.hypot(found.suspected_k, found.air_error_k):

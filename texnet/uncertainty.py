@@ -145,7 +145,7 @@ def with_level_error(sigma, maps, library, cube, curve_error=0.0):
     level = np.where(library.is_sky, 0.0, np.hypot(library.level_sigma, curve_error))
     if not level.any():
         return sigma
-    curves = library.of_bands(cube.wavelength_um, cube.fwhm_um)
+    curves = library.of_bands(cube.nodes_um)
     out = scratch.empty(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)

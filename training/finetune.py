@@ -72,7 +72,7 @@ def finetune(
         whole = with_sky(library)
         data = [
             (
-                fingerprint(c.radiance, c.wavelength_um, c.fwhm_um, c.dead, c.relative_noise),
+                fingerprint(c.radiance, c.wavelength_um, c.nodes_um, c.dead, c.relative_noise),
                 c.netd_k,
             )
             for c in cubes

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..bands import BOX, RESPONSES, quadrature
 from ..errors import Implausible, InputError
 from ..machinery import scratch
 from ..machinery.read_only import ReadOnly
@@ -59,6 +60,12 @@ def sampling_step(shape, at_least):
     return step
 
 
+def check_response(response, what):
+    """InputError unless it is one of `bands.RESPONSES`."""
+    if response not in RESPONSES:
+        raise InputError(f"{what}: response must be {' or '.join(RESPONSES)}, got {response!r}.")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class HeatCube(ReadOnly):
     """A heat cube S, immutable.
@@ -68,13 +75,14 @@ class HeatCube(ReadOnly):
                    or beyond a picture's edge, which are given a neighbour's (`dead_pixels`);
                    copied unless it is read-only, and then never to be written to
     wavelength_um  (bands,) band centres in um, ascending
-    fwhm_um        (bands,) width of each (box-shaped) band in um; zeros if narrow
+    fwhm_um        (bands,) full width of each band at half maximum, in um; zeros if narrow
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
     dead           (height, width) bool, pixels that were not measured, as the camera's maker may
                    say; those that are found are added
     relative_noise  (bands,) noise of each band over that which netd_k says, where a camera's bands
                    differ, or as air leaves it that was taken out (`texnet.camera.correction`);
                    1 of all if None; not kept in files
+    response       of the bands: "box" or "gaussian"
     quiet          (bands,) share of that noise's variance, 0 to 1, that is the model's error and
                    not the camera's noise, so that pixels do not scatter by it (`prepared`); 0 of
                    all if None; not kept in files
@@ -89,6 +97,7 @@ class HeatCube(ReadOnly):
     dead: np.ndarray | None = None
     relative_noise: np.ndarray | None = field(default=None, kw_only=True)
     quiet: np.ndarray | None = field(default=None, kw_only=True)
+    response: str = field(default=BOX, kw_only=True)
 
     def __post_init__(self):
         given = numbers(self.radiance, "cube: radiance")
@@ -130,6 +139,7 @@ class HeatCube(ReadOnly):
                 f"cube: fwhm_um reaches {width.max():g}, more than its band's wavelength; give it "
                 "in um."
             )
+        check_response(self.response, "cube")
         netd = numbers(1.0 if self.netd_k is None else self.netd_k, "cube: NETD")
         if netd.ndim or not 0 < netd <= MAX_NETD_K:
             raise InputError(
@@ -168,6 +178,11 @@ class HeatCube(ReadOnly):
     def shape(self):
         """(height, width)"""
         return self.radiance.shape[1:]
+
+    @property
+    def nodes_um(self):
+        """(bands, n) um, wavelengths whose plain mean is each band's (`bands.quadrature`)."""
+        return quadrature(self.wavelength_um, self.fwhm_um, self.response)
 
     @property
     def measured_count(self):

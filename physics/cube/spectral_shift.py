@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..bands import quadrature
 from ..planck import brightness_temperature, planck, planck_derivative
 from ..sky import MOST_WATER_CM, sky_along, usual_atmosphere
 from .hot import split_hot
@@ -47,12 +46,12 @@ def registered(cube, library):
     if not shift:
         return cube, 0.0
 
-    def inside(w):
-        return library.covers(quadrature(w, cube.fwhm_um)).all(axis=1)
+    def inside(at):
+        return library.covers(at.nodes_um).all(axis=1)
 
     stated, cube = cube, cube.moved(shift)
     # a library for other bands is an error
-    kept = inside(cube.wavelength_um) | ~inside(stated.wavelength_um)
+    kept = inside(cube) | ~inside(stated)
     return cube if kept.all() else cube.only(kept), shift
 
 
@@ -71,7 +70,7 @@ def spectral_shift(cube, library):
     if most < CONTRAST_K or warmest > WARMEST_K:
         return 0.0
     air_k = warmest + AIR_EXCESS_K
-    nodes, skies = quadrature(w, cube.fwhm_um[here]), _opacities(warmest)
+    nodes, skies = cube.nodes_um[here], _opacities(warmest)
 
     def misfit(models):
         off = (models - s) / planck_derivative(w, 300.0)

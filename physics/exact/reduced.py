@@ -51,7 +51,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ..bands import quadrature
 from ..cube.heat_cube import HeatCube
 from ..environment import Environment
 from ..errors import InputError
@@ -167,7 +166,7 @@ def reduce_model(
     w, sigma, k = cube.wavelength_um, cube.sigma, len(environment)
     environment.check_bands(w)
     t, of = temperatures or _temperatures(cube, environment), _mixtures(library, environment)
-    nodes = quadrature(w, cube.fwhm_um)
+    nodes = cube.nodes_um
     curves = library.at(nodes)
     curves[library.is_sky] = 1.0  # what glows before the sky is as good as black
     emissivity = curves.mean(axis=-1)[of.material]

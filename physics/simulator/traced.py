@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from ..bands import BOX
 from ..cube.heat_cube import MAX_NETD_K, TYPICAL_K, HeatCube
 from ..errors import Implausible, InputError
 from ..library import SKY
@@ -65,13 +66,14 @@ class TracedScene:
     blocks: Sequence[Paths]
 
     def shade(
-        self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, sky=None, progress=None
-    ):
+        self, library, wavelength_um, fwhm_um, netd_k=0.05, materials=None, sky=None, progress=None,
+        response=BOX,
+    ):  # fmt: skip
         """Shade the paths -> (HeatCube, Truth), in terms of `library`.
 
         library        MaterialLibrary, any
         wavelength_um  (bands,) centres in um, ascending
-        fwhm_um        (bands,) widths in um, 0 for a narrow band
+        fwhm_um        (bands,) full widths at half maximum in um, 0 for a narrow band
         netd_k         sensor noise in K at 300 K; 0 leaves it out
         materials      dict from each of the scene's materials to a name in the library,
                        several of them to one if need be; each to its own name if None
@@ -79,6 +81,7 @@ class TracedScene:
                        `physics.sky.sky_radiance`, of another sky than the atmosphere's; a scene
                        without atmosphere has none
         progress       called as progress(done, total) between blocks of pixels
+        response       of the bands: "box" or "gaussian"
 
         Where the curves reflect more than those traced with, a few paths may sum to less than
         nothing; such an S or X is that of FLOOR_K, as in the noise of a sensor.
@@ -87,7 +90,7 @@ class TracedScene:
         """
         if not 0 <= netd_k <= MAX_NETD_K:
             raise InputError(f"simulate: NETD must be 0 to {MAX_NETD_K:g} K, got {netd_k}.")
-        bands = Bands.of(wavelength_um, fwhm_um)
+        bands = Bands.of(wavelength_um, fwhm_um, response)
         emissivity = bands.in_cells(library.at)
         kind = self._kinds(library, materials)
         if self.atmosphere is None:
@@ -141,7 +144,10 @@ class TracedScene:
         if netd_k > 0:
             cube = add_noise(cube, bands.wavelength_um, netd_k, _generator(self.seed, OF_NOISE))
         try:
-            return HeatCube(cube, bands.wavelength_um, bands.fwhm_um, netd_k or None), truth
+            seen = HeatCube(
+                cube, bands.wavelength_um, bands.fwhm_um, netd_k or None, response=response
+            )
+            return seen, truth
         except Implausible as e:
             low, high = TYPICAL_K
             raise InputError(

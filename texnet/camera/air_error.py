@@ -48,12 +48,12 @@ def air_error_k(pixels, c, noise):
     beforehand. Distances, each pixel's by itself, are likeliest at a noise."""
     if not c.air_error:
         return 0.0
-    w, fwhm = pixels.cube.wavelength_um, pixels.cube.fwhm_um
+    w, nodes = pixels.cube.wavelength_um, pixels.cube.nodes_um
     along = np.pi * (w - w[0]) / (w[-1] - w[0])
     here, moved = pixels.corrected_maps(c, noise), []
     for shape in range(1, SHAPES + 1):
         wave = math.sqrt(2 / SHAPES) * np.cos(shape * along)
         absorption = tuple(np.exp(c.air_error * wave).tolist())
-        other = c._replace(air=Air.of(*c.air[:2], w, fwhm, absorption))
+        other = c._replace(air=Air.of(*c.air[:2], nodes, absorption))
         moved.append(pixels.moved_k(pixels.corrected_maps(other, noise), here))
     return min(float(np.sqrt(np.sum(np.square(moved)))), MIN_TEMPERATURE_SPREAD_K)

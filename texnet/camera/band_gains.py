@@ -21,7 +21,6 @@ explain little: larger ones were asked for by a material that is not there.
 
 import numpy as np
 
-from physics.bands import quadrature
 from physics.eq1 import heat_signal
 from physics.planck import planck
 
@@ -85,7 +84,7 @@ def _more(cube, library, maps):
         pixels &= maps["residual"] <= np.quantile(maps["residual"][pixels], FITTING)
     material, t = maps["material"][pixels], maps["temperature_k"][pixels]
     texture, measured = maps["texture"][:, pixels].T, cube.radiance[:, pixels].T
-    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    nodes = cube.nodes_um
     curves = library.at(nodes)[material]
     rendered = heat_signal(t, curves, texture, nodes)
     able = (rendered > DARKEST * measured).all(axis=1)  # not where X went below 0

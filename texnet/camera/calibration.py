@@ -136,8 +136,7 @@ def _likelier(nats_of, camera, pixels, sky):
     where the sky is in view, that and air between, or air."""
     yield camera
     if sky and len(pixels.environment) >= LEAST_OBJECTS:
-        w, fwhm = pixels.cube.wavelength_um, pixels.cube.fwhm_um
-        air_of = partial(Air.of, wavelength_um=w, fwhm_um=fwhm)
+        air_of = partial(Air.of, nodes_um=pixels.cube.nodes_um)
         for start in dict.fromkeys((camera, RIGHT)):
             yield air_between(nats_of, air_of, _about_air_k(pixels, start), start)
 

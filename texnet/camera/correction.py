@@ -89,7 +89,7 @@ def corrected(cube, c, distances=None):
     if c.shift_um:
         cube = cube.moved(c.shift_um)
     w = cube.wavelength_um
-    far = c if distances is None else behind(c, distances.far, w, cube.fwhm_um)
+    far = c if distances is None else behind(c, distances.far, cube.nodes_um)
     _, gains = _offset_and_gain(w, far)
     # even noise over it would tell as much (gains of bands among each other are 1 in the mean)
     mean = math.sqrt(np.mean((gains / c.of_bands(cube.bands)) ** 2))
@@ -99,7 +99,7 @@ def corrected(cube, c, distances=None):
         return replace(cube, netd_k=netd_k, quiet=quiet)
     at, some = 0, [c]
     if distances is not None:
-        at, some = _by_distance(distances.metres, c, w, cube.fwhm_um)
+        at, some = _by_distance(distances.metres, c, cube.nodes_um)
     all_of = np.array([_offset_and_gain(w, each) for each in some], np.float32)
     radiance = scratch.empty(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
@@ -127,18 +127,18 @@ def _absorption_noise(c, wavelength_um):
     return of_shown / np.array(c.air.transmittance)
 
 
-def _by_distance(metres, c, wavelength_um, fwhm_um):
+def _by_distance(metres, c, nodes_um):
     """Indices (height, width) into some Calibrations, and these, which have as much Air as is
     before each pixel, to STEP."""
     steps = np.round(np.log(metres / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
-    some = [behind(c, c.air.metres * math.exp(STEP * n), wavelength_um, fwhm_um) for n in numbers]
+    some = [behind(c, c.air.metres * math.exp(STEP * n), nodes_um) for n in numbers]
     return steps - numbers[0], some
 
 
-def behind(c, metres, wavelength_um, fwhm_um):
-    """A Calibration with so many metres of its Air, at bands of centres and widths in um."""
-    air = Air.of(metres, c.air.temperature_k, wavelength_um, fwhm_um, c.air.absorption)
+def behind(c, metres, nodes_um):
+    """A Calibration with so many metres of its Air, at bands of nodes (bands, n) in um."""
+    air = Air.of(metres, c.air.temperature_k, nodes_um, c.air.absorption)
     return c._replace(air=air)
 
 

@@ -81,10 +81,7 @@ def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
     """
     # by one error of its air: by its own, more air would be likelier for its noise alone
     found = found._replace(error_at=found.air)
-    tried = [
-        behind(found, metres, cube.wavelength_um, cube.fwhm_um)
-        for metres in found.air.metres * 2**OCTAVES
-    ]
+    tried = [behind(found, metres, cube.nodes_um) for metres in found.air.metres * 2**OCTAVES]
     nats = nats_of.each(tried)
     nats = np.array([nats[c].reshape(cube.shape) for c in tried])
     nats = np.where(np.isfinite(nats), nats, np.inf)

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from physics.bands import quadrature
 from physics.cube.heat_cube import HeatCube
 from physics.environment import Environment
 from physics.errors import Implausible
@@ -71,7 +70,7 @@ class SampledPixels:
         none."""
         try:
             surroundings, cube = corrected_environment(self.environment, c), corrected(self.cube, c)
-            if not self.library.covers(quadrature(cube.wavelength_um, cube.fwhm_um)).all():
+            if not self.library.covers(cube.nodes_um).all():
                 return np.full(cube.radiance[0].size, np.inf)
             nats = -self.maps(surroundings, cube, look)["log_evidence"].astype(np.float64)
             nats = (nats + lifted_nats(self.cube, c)).ravel()

@@ -25,7 +25,7 @@ from physics.cube.heat_cube import numbers
 from physics.errors import InputError
 from physics.machinery.array_file import BROKEN_NPY
 
-from .cube_io import read_cube, some_arrays, unpacked
+from .cube_io import RESPONSE, read_cube, response_of, some_arrays, unpacked
 from .envi import header_of, read_envi
 from .library_io import PUBLISHED_CM1
 from .mat_file import read_mat
@@ -47,7 +47,7 @@ GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_ind
 
 def import_cube(
     path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None, *,
-    fwhm=None, rows=None, columns=None, range_um=None,
+    fwhm=None, response=None, rows=None, columns=None, range_um=None,
 ):  # fmt: skip
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
@@ -57,8 +57,9 @@ def import_cube(
                      does not say where its bands lie
     netd_k           noise at 300 K, K, if it is known
     progress         called as progress(done, total, what)
-    fwhm             width of each band, of box shape, where the file does not say it: um, or cm-1
-                     where the bands are in cm-1
+    fwhm             full width of each band at half maximum, where the file does not say it: um, or
+                     cm-1 where the bands are in cm-1
+    response         of the bands, "box" or "gaussian"; "box" if None, unless the file says another
     rows, columns, range_um
                      a part of it: slices, and the lowest and the highest band centre in um
 
@@ -90,6 +91,7 @@ def import_cube(
             raw = raw._replace(unit=None)  # an array of that name, but no published cube
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
         raw = _with_width(raw, path, fwhm)
+        raw = raw if response is None else raw._replace(response=response)
         raw = part_of(raw, rows, columns, range_um)
         if raw.unit is None and unit is None:
             says = "does not say which unit its radiance is in"
@@ -184,7 +186,7 @@ def _read_ours(path):
     measured = cube.measured()
     return RawCube(
         HEAT_CUBE, lambda: measured, cube.wavelength_um, cube.fwhm_um, unit=OUR_UNIT,
-        netd_k=cube.netd_k,
+        netd_k=cube.netd_k, response=cube.response,
     )  # fmt: skip
 
 
@@ -222,12 +224,14 @@ def _of_one_band(array):
 
 
 def _read_npz(path, unit):
-    held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS, *WIDTH, NETD))
+    held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS, *WIDTH, NETD, RESPONSE))
     # of which unit and axes it is, our own need not say
     ours = OUR_ARRAYS <= set(held) and set(held).isdisjoint(GOOD_BANDS)
     if ours and unit is None and _in_order(arrays):
         return _read_ours(path)
     raw = _tex1500(path, held, arrays, lambda key: unpacked(path, key), ours)
+    if RESPONSE in arrays:
+        raw = raw._replace(response=response_of(arrays[RESPONSE]))
     return raw._replace(unit=OUR_UNIT) if ours else raw
 
 

@@ -7,10 +7,12 @@ our own complete it:
 
     texnetSpectralDensity  "um^-1": the radiance is per um of wavelength
     texnetFwhmUm           one band width in um per band, ascending, space-separated
+    texnetResponse         of the bands: "box" (if left out) or "gaussian"
     texnetNetdK            NETD in K at 300 K; left out if not known
 
 `.npz`: arrays radiance (bands, height, width) in W m-2 sr-1 um-1, wavelength_um (bands,)
-and, if known, fwhm_um (bands,) and netd_k (a scalar; NaN: not known).
+and, if known, fwhm_um (bands,), netd_k (a scalar; NaN: not known) and response (a text: "box" or
+"gaussian").
 """
 
 import io
@@ -27,6 +29,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
+from physics.bands import BOX
 from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
 from physics.machinery import scratch
@@ -47,7 +50,8 @@ EXR_UNITS = "W.m^-2.sr^-1"
 # W m-2 sr-1 per this, times the factor, is W m-2 sr-1 per um.
 EXR_DENSITIES = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
 READ_BYTES = 1 << 26  # at once
-BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k")
+RESPONSE = "response"
+BESIDE_RADIANCE = ("wavelength_um", "fwhm_um", "netd_k", RESPONSE)
 SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
 
 
@@ -145,13 +149,22 @@ def _read_npz(path):
     for key in set(held) - {"radiance", *BESIDE_RADIANCE}:
         if meant := get_close_matches(key, set(BESIDE_RADIANCE) - set(held), n=1):
             raise InputError(f"cube: {path} holds {key}; call it {meant[0]}, or leave it out.")
+    response = arrays.pop(RESPONSE, np.array(BOX))
     for key, array in arrays.items():
         _check_numbers(array.dtype, key, path)
     netd = arrays.pop("netd_k", np.array(np.nan))
     if netd.size != 1:
         raise InputError(f"cube: netd_k in {path} must be one number, got shape {netd.shape}.")
     netd = netd.item()
-    return HeatCube(unpacked(path, "radiance"), **arrays, netd_k=None if np.isnan(netd) else netd)
+    return HeatCube(
+        unpacked(path, "radiance"), **arrays, netd_k=None if np.isnan(netd) else netd,
+        response=response_of(response),
+    )  # fmt: skip
+
+
+def response_of(array):
+    """What an array of one text says; whether that is a response HeatCube looks at."""
+    return str(array.item() if array.size == 1 else array)
 
 
 def some_arrays(path, keys):
@@ -217,6 +230,7 @@ def _write_npz(cube, path):
         "wavelength_um": cube.wavelength_um,
         "fwhm_um": cube.fwhm_um,
         "netd_k": np.nan if cube.netd_k is None else cube.netd_k,
+        RESPONSE: cube.response,
     }
     save_arrays(path, arrays, compress=False)
 
@@ -292,6 +306,7 @@ def _read_exr(path):
         [bands[name] for name in names],
         _numbers(header.get("texnetFwhmUm"), "texnetFwhmUm", path),
         (_numbers(header.get("texnetNetdK"), "texnetNetdK", path) or [None])[0],
+        response=str(header.get("texnetResponse", BOX)),
     )
 
 
@@ -334,6 +349,7 @@ def _write_exr(cube, path):
         "texnetSpectralDensity": "um^-1",
         # As text, because a float attribute holds 32 bits and these are 64.
         "texnetFwhmUm": " ".join(repr(float(w)) for w in cube.fwhm_um),
+        "texnetResponse": cube.response,
     }
     if cube.netd_k is not None:
         header["texnetNetdK"] = repr(float(cube.netd_k))

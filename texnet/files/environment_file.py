@@ -15,7 +15,7 @@ rows, and its exact mean over each band is what the camera would show: the nodes
 
 import numpy as np
 
-from physics.bands import means_of_samples, quadrature
+from physics.bands import means_of_samples
 from physics.cube.heat_cube import check_wavelength
 from physics.environment import Environment
 from physics.errors import InputError
@@ -44,10 +44,10 @@ def read_environment(path, cube):
         radiance, within = spectra[:, between], None
     else:
         _check_covers(w, cube, path)
-        radiance = means_of_samples(w, spectra, bands, cube.fwhm_um)
-        nodes = quadrature(bands, cube.fwhm_um)
-        parts = np.repeat(cube.fwhm_um / nodes.shape[1], nodes.shape[1])
-        within = means_of_samples(w, spectra, nodes.ravel(), parts).reshape(-1, *nodes.shape)
+        nodes, parts = cube.nodes_um, _parts(cube)
+        within = means_of_samples(w, spectra, nodes.ravel(), parts.ravel())
+        within = within.reshape(-1, *nodes.shape)
+        radiance = within.mean(axis=-1)
     for i, b in np.argwhere(radiance <= 0)[:1]:
         raise InputError(
             f"environment: {names[i]} of {path} is {radiance[i, b]:.3g} at {bands[b]:.4g} um, but "
@@ -60,11 +60,17 @@ def read_environment(path, cube):
     return Environment(radiance, bands, sky, within=within), names
 
 
+def _parts(cube):
+    """(bands, n) um, widths of the parts of a HeatCube's bands that its nodes stand for."""
+    nodes = cube.nodes_um
+    return np.gradient(nodes, axis=1) if nodes.shape[1] > 1 else cube.fwhm_um[:, None]
+
+
 def _check_covers(w, cube, path):
     """Raise InputError where wavelengths w (n,), um, each with half a step to either side, leave a
     part of a HeatCube's bands open, or one wider than MAX_GAP_UM between them."""
-    half = cube.fwhm_um / 2
-    low, high = (cube.wavelength_um - half).min(), (cube.wavelength_um + half).max()
+    nodes, half = cube.nodes_um, _parts(cube) / 2
+    low, high = (nodes - half).min(), (nodes + half).max()
     step = np.diff(w) if w.size > 1 else np.zeros(1)
     first, last = w[0] - step[0] / 2, w[-1] + step[-1] / 2
     wide = np.flatnonzero((np.diff(w) > MAX_GAP_UM) & (w[:-1] < high) & (w[1:] > low))

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from physics.bands import BOX
 from physics.cube.dead_pixels import lit
 from physics.cube.heat_cube import TYPICAL_K, HeatCube, sampling_step
 from physics.errors import InputError
@@ -50,6 +51,7 @@ class RawCube(NamedTuple):
     numbers  () -> (bands, height, width) real numbers; a file is mapped anew by each call, so that
              what was read of it does not stay in memory
     centre   (bands,) in axis, or None if the file does not say; fwhm likewise
+    response  of the bands, one of `bands.RESPONSES`
     axis     "um", "nm" or "cm-1", of centre and fwhm
     unit     one of `units.UNIT_NAMES`, or None if the file does not say
     gain, offset  (bands,) or one number for all
@@ -79,6 +81,7 @@ class RawCube(NamedTuple):
     unit_said: str = ""
     words: tuple = ()
     doubt: str = ""
+    response: str = BOX
 
 
 def part_of(raw, rows=None, columns=None, range_um=None):
@@ -131,6 +134,8 @@ def heat_cube(raw, netd_k=None, progress=None):
     if raw.fwhm is None:
         said_of_bands.append("taken as narrow, since band widths are not stated (--fwhm)")
     else:
+        if raw.response != BOX:
+            said_of_bands.append(f"their response {raw.response}")
         fwhm = raw.fwhm[kept] / (1e4 / w**2 if raw.axis == "cm-1" else PER_UM[raw.axis])
     radiance, empty = _radiance(raw, kept, w, progress)
     words = [
@@ -143,7 +148,8 @@ def heat_cube(raw, netd_k=None, progress=None):
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
     warning += _thin(fwhm, w) + (raw.doubt and f"\nWarning: {raw.doubt}")
-    cube = HeatCube(radiance, w, fwhm, raw.netd_k if netd_k is None else netd_k)
+    netd_k = raw.netd_k if netd_k is None else netd_k
+    cube = HeatCube(radiance, w, fwhm, netd_k, response=raw.response)
     if dead := int(np.count_nonzero(cube.dead)):
         share = f" ({dead / cube.dead.size:.0%})" if dead > 0.01 * cube.dead.size else ""
         words.append(f"{dead} pixel{'s' * (dead > 1)}{share} without a measurement, to be unknown")
