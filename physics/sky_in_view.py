@@ -5,8 +5,9 @@ Twelve K-means clusters of the spectra, each by its mean. A cluster is sky if
 1. a clear sky explains it: the library's, which at air mass a and air temperature T radiates about
    B(T) (1 - t^a), t being the zenith transmittance, 1 - e_sky; or that of `sky`, through air as
    warm as the scene, dry to humid, along any path;
-2. better than any grey body does, and than what the library has of materials that mirror little:
-   e B(T) + (1 - e) X, X being such a sky, something of one temperature, or some of both;
+2. much better than any grey body does (or no cluster does much better), and better than what the
+   library has of materials that mirror little: e B(T) + (1 - e) X, X being such a sky, something of
+   one temperature, or some of both;
 3. about as much of B(T) is missing in its clearest band as in the clearest cluster's;
 4. it is in no band colder than sky above it (metal mirrors the clear sky overhead);
 5. it lies in the picture's upper half (a car's bonnet mirrors the sky, but from below), and all
@@ -25,8 +26,12 @@ from .planck import brightness_temperature, planck, planck_derivative
 from .sky import sky_along, usual_atmosphere
 
 CLUSTERS = 12
-# misfit of the best sky over that of the best grey body, at most
-SKY_OVER_GREY = 0.8
+# misfit of the best sky over that of the best grey body, at most: on scenes of no split skies come
+# to 0.02 to 0.4, metal that mirrors them beside other things to 0.25 and more. Where the best grey
+# body is so far off, K, there is a sky, be it of another shape than any here; and beyond CLOSE, so
+# many times the ratio of the best of all clusters, at most
+SKY_OVER_GREY, UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 0.5, 8.0, 0.8
+CLOSE, TIMES_BEST = 0.4, 4.0
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of the library's sky, one for all gases here
 # of skies by `sky`: vapour over what air that warm can hold, and air masses
 HUMIDITIES, MASSES = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3), np.geomspace(1, 38, 24)
@@ -112,21 +117,27 @@ class _Skies:
 
     def missing(self):
         """(n,) how far below B(T_air) each falls in its clearest band, 0..1; 0 if it is no sky."""
-        return np.array([self._missing(s) for s in self.spectra])
+        missing, over_grey = np.array([self._missing(s) for s in self.spectra]).T
+        best = over_grey.min(where=missing > 0, initial=np.inf)
+        missing[over_grey > max(CLOSE, TIMES_BEST * best)] = 0.0
+        return missing
 
     def _missing(self, s):
+        """The same of one, and the misfit of its best sky over that of its best grey body."""
         t = brightness_temperature(self.w, s).max()
         glow = planck(self.w, np.linspace(t - 2, max(t + 12, self.scene_k), 40)[:, None])
         of_skies = self._misfit(-s, glow, self.opacity)
         sky, clearest = of_skies.min(), self.opacity[of_skies.argmin()].min()
         if self.w.size >= TELLING:
             grey = self._misfit(-s, glow, self.grey).min()
-            if sky >= SKY_OVER_GREY * grey:
-                return 0.0
+            unlike = grey > UNLIKE_GREY_K
+            if sky >= (SKY_OVER_GREY_OF_UNLIKE if unlike else SKY_OVER_GREY) * grey:
+                return 0.0, 1.0
             for e in self.solids:
                 if self._misfit(e * glow - s, 1 - e, self.mirrored).min() <= sky:
-                    return 0.0
-        return 1 - clearest
+                    return 0.0, 1.0
+            return 1 - clearest, sky / grey
+        return 1 - clearest, 0.0
 
     def _misfit(self, a, b, c):
         """(j,) K at 300 K: root mean square over the bands of a_i + b_i c_j, where i suits best."""
