@@ -199,7 +199,7 @@ def test_air_that_absorbs_otherwise_is_air_all_the_same(seed, metres, method, tm
     """By turns a third more and less along the wavelengths: no distance explains the pixels, which
     fit mirrors and wrong curves without air as well, T off by 7 to 13 K."""
     scene, (w, fwhm) = preset("random", seed), equidistant_bands(54)
-    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=16, seed=1)
+    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(64, 96), spp=16, seed=1)
     kelvin, ground = scene.atmosphere.air_temperature_k, names_of(truth) != "sky"
     usual = level_transmittance(w, metres, usual_atmosphere(kelvin, 0.6))
     t = usual ** (1 + 0.3 * np.sin(2 * np.pi * (w - 8) / 3))
