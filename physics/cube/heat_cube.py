@@ -76,13 +76,13 @@ class HeatCube(ReadOnly):
                    copied unless it is read-only, and then never to be written to
     wavelength_um  (bands,) band centres in um, ascending
     fwhm_um        (bands,) full width of each band at half maximum, in um; zeros if narrow
+    response       of the bands, "box" or "gaussian", of which that is the width
     netd_k         noise as a temperature difference at 300 K, in K; None if not known
     dead           (height, width) bool, pixels that were not measured, as the camera's maker may
                    say; those that are found are added
     relative_noise  (bands,) noise of each band over that which netd_k says, where a camera's bands
                    differ, or as air leaves it that was taken out (`texnet.camera.correction`);
                    1 of all if None; not kept in files
-    response       of the bands: "box" or "gaussian"
     quiet          (bands,) share of that noise's variance, 0 to 1, that is the model's error and
                    not the camera's noise, so that pixels do not scatter by it (`prepared`); 0 of
                    all if None; not kept in files

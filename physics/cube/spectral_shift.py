@@ -46,8 +46,8 @@ def registered(cube, library):
     if not shift:
         return cube, 0.0
 
-    def inside(at):
-        return library.covers(at.nodes_um).all(axis=1)
+    def inside(either):
+        return library.covers(either.nodes_um).all(axis=1)
 
     stated, cube = cube, cube.moved(shift)
     # a library for other bands is an error

@@ -9,8 +9,9 @@ stand for the sky.
 
 Where the rows between the first and the last band are one for each, they are of this camera, or
 were averaged before, and are taken as they are. Any other spectrum is taken as linear between its
-rows, and its exact mean over each band is what the camera would show: the nodes of
-`bands.quadrature` are too far apart for the lines of a sky.
+rows, and its mean over each band is what the camera would show: that of exact means over the parts
+of the band that the nodes of `bands.quadrature` stand for, as these are too far apart for the lines
+of a sky.
 """
 
 import numpy as np
