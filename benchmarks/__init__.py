@@ -18,6 +18,7 @@ mitsuba_agreement  the simulator against an independent renderer
 reproduce    the paper's figures; paper_method is the paper's method, as written
 peers        classical methods, and the usual port of the paper's fit
 rows         measurements in files, and what made them
+arguments    of those that are commands by themselves
 threads      how many of them
 colours      for curves
 """

@@ -7,14 +7,13 @@ threads): every fixed k and auto, the search for it in its time. Writes automati
 scene and k, and prints the means over the scenes, of time the median.
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, SCENES, test_scenes
+from benchmarks.arguments import arguments
 from benchmarks.rows import write_csv
 from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
@@ -31,12 +30,7 @@ SHOWN = (
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--bands", type=int, default=54)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, bands=54, scenes=SCENES)
     on_two_threads()
     library, run, rows = MaterialLibrary.starter(), Runtime(ONNX, THREADS).run, []
     for name, traced in test_scenes(args.scenes):

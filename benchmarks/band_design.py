@@ -10,13 +10,11 @@ bands.png; prints means, and what the design gains over each of the others with 
 of that over the scenes: over all, and over those where all filters showed the sky that is there.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.accuracy import K, test_scenes
+from benchmarks.arguments import arguments
 from benchmarks.colours import BLUE, GREEN, VERMILLION
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
@@ -118,11 +116,7 @@ def _draw_filters(axis, sets):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=12)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, scenes=12)
     library, rows = MaterialLibrary.starter(), []
     sets = filter_sets(library)
     for scene, traced in test_scenes(args.scenes):

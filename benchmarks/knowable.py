@@ -10,14 +10,12 @@ whatever another one may look like, at any T and any V from 0 to 1 (`apart`): fr
 one, in an enclosure that is nearly as warm, and for every two. Writes knowable.png.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from benchmarks.arguments import arguments
 from benchmarks.colours import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
 from physics.bands import equidistant_bands, quadrature
 from physics.eq1 import render
@@ -172,10 +170,7 @@ def draw(library, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__)
     library = MaterialLibrary.starter()
     library = library.subset([name for name in library.names if name != SKY])
     draw(library, args.out / "knowable.png")

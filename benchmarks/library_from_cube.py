@@ -17,14 +17,12 @@ materials are matched with the true ones of at least 1 % of the pixels so that m
 and prints them with their medians. Scenes without sky are refused, and said to be.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from sklearn.metrics import adjusted_rand_score
 
 from benchmarks.accuracy import NETD_K, K, test_scenes
+from benchmarks.arguments import arguments
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.blind import library_from_cube
@@ -73,11 +71,7 @@ def of_scene(name, cube, truth, exact, found):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=12)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, scenes=12)
     starter, scenes, materials = MaterialLibrary.starter(), [], []
     for name, traced in test_scenes(args.scenes):
         cube, truth = traced.shade(starter, *equidistant_bands(BANDS), NETD_K)

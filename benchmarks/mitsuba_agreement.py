@@ -18,7 +18,6 @@ largest coordinate) off the surface. With the preset's origin that is a millimet
 light in the relief's corners (5e-5 of the mean); so its origin is amid the objects, its unit 1 cm.
 """
 
-import argparse
 import dataclasses
 import json
 import tempfile
@@ -30,6 +29,7 @@ import trimesh
 from matplotlib.figure import Figure
 from scipy import stats
 
+from benchmarks.arguments import arguments
 from physics import MaterialLibrary
 from physics.machinery.whole_file import whole_file
 from physics.planck import planck
@@ -211,12 +211,7 @@ def draw(z, image, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder for JSON and picture")
-    parser.add_argument("--seeds", type=int, default=64)
-    parser.add_argument("--spp", type=int, default=64)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, seeds=64, spp=64)
     result, z, image = compare(spp=args.spp, seeds=args.seeds)
     draw(z, image, args.out / "mitsuba_agreement.png")
     text = json.dumps(result, indent=1)

@@ -7,13 +7,12 @@ Random scenes of the test split, as in `accuracy`, of several numbers of bands a
 cube, and prints the least, the median and the largest ratio of each number of bands.
 """
 
-import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy import test_scenes
+from benchmarks.arguments import arguments
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
@@ -22,11 +21,7 @@ SCENES, BANDS, NETDS_K = 12, (1, 2, 3, 4, 6, 8, 18, 54, 100), (0.02, 0.05, 0.2, 
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, scenes=SCENES)
     library, rows = MaterialLibrary.starter(), []
     for name, traced in test_scenes(args.scenes):
         for bands in BANDS:

@@ -10,7 +10,6 @@ vapour and ozone of their own, one of them an inversion. Writes other_skies.csv 
 means.
 """
 
-import argparse
 import csv
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from benchmarks import ONNX
 from benchmarks.accuracy import ERRORS, NETD_K, SCENES, measure, test_scenes
+from benchmarks.arguments import arguments
 from benchmarks.rows import write_csv
 from benchmarks.threads import THREADS, on_two_threads
 from physics.bands import equidistant_bands
@@ -64,11 +64,7 @@ def nearest_sky(air_k):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, scenes=SCENES)
     on_two_threads()
     models, library, rows = {"net+sgd": Runtime(ONNX, THREADS).run}, MaterialLibrary.starter(), []
     for name, traced in test_scenes(args.scenes):

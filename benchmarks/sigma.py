@@ -11,14 +11,12 @@ that `net+sgd` gives. Writes sigma.csv: per number of bands and sigma both quant
 and the share within one sigma once it is scaled so that 95.4 % lie within two.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from benchmarks import ONNX
 from benchmarks.accuracy import NETD_K, SIZE, SPP, K
+from benchmarks.arguments import arguments
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
 from physics.library import MaterialLibrary
@@ -80,12 +78,7 @@ def row(bands, name, error, sigma):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--bands", type=int, nargs="+", default=(4, 54))
-    parser.add_argument("--scenes", type=int, default=48)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    args = arguments(__doc__, bands=(4, 54), scenes=48)
     library, model, scenes, rows = MaterialLibrary.starter(), Runtime(ONNX).run, [], []
     for seed in range(SEED, SEED + args.scenes):
         scenes.append(trace_scene(preset("random", seed), SIZE, SPP, seed, library))
