@@ -31,6 +31,7 @@ from .camera.correction import Calibration, corrected
 from .camera.distances import distances
 from .camera.given_environment import error_of_given
 from .camera.missing_sky import sky_is_likelier
+from .camera.pixels import LEAST_OBJECTS
 from .progress import compiling
 
 
@@ -168,11 +169,13 @@ def _surroundings(ready, split, k, seed, how, lap, progress):
     lap("environment")
     if environment.sky:
         return environment, objects, False
-    assumed, under = False, sample.environment(objects, assume_sky=True)
+    assumed, least, under = False, 1, sample.environment(objects, assume_sky=True)
     if under.sky:
         # what is not seen of a missing sky would look like wrong wavelengths
         without = calibration(split.cold, environment, **how, moved=True)
         assumed = sky_is_likelier(split.cold, environment, without, under, **how)
+        if without.curves and not assumed:
+            least = LEAST_OBJECTS  # one would not tell curves from bands
     if counting:
-        objects = supported(assumed)
+        objects = max(supported(assumed), least)
     return sample.environment(objects, assumed), objects, assumed

@@ -53,9 +53,11 @@ AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
 # (or less than AIR_LEAVES). Elsewhere, where it was as near, no nats, but with bands off by 3 %, of
 # which it left 3.6 and more
 AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
-# times what noise leaves, at most, even of the pixels that fit best: on scenes used for tuning 0.84
-# to 1.07 where curves were wrong, 1.3 to 6.6 where bands were
-CURVES_LEAVE = 1.1
+# times what noise leaves, at most, even of the pixels that fit best, where curves are off, if half
+# of the materials ask for it and if fewer do: on scenes used for tuning 0.84 to 1.07 where curves
+# were wrong by 2 % and less, 1.04 to 2 where a common material was missing, 1.3 to 6.6 where bands
+# were off
+CURVES_LEAVE, CURVES_ALONE_LEAVE = 1.1, 1.0
 OPAQUE_UM = 13.0  # from here on a sky is as warm as the air near the ground
 
 
@@ -188,7 +190,7 @@ def explained(pixels, nats_of, found, left, rivals=()):
         ground = material != pixels.library.sky_index
         asked = asked_by_half(off.gained[ground], material[ground])
         leaves = pixels.quartile(maps) / what_noise_leaves(taken, surroundings)
-        if asked and 0 < leaves <= CURVES_LEAVE:
+        if 0 < leaves <= (CURVES_LEAVE if asked else CURVES_ALONE_LEAVE):
             return off.found
     return with_noise(found, left, pixels.cube)
 

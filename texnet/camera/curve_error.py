@@ -3,13 +3,13 @@
 Curves measured elsewhere are off by a per cent or so, smoothly, which under a cold sky is more than
 a camera's noise: a wrong material, or a mirror, then fits better than the right one. If all curves
 may be off by de (`Environment.with_curves_off_by`), every pixel pays for that freedom, and those
-that need it gain. So of some de that is taken by which the pixels are likeliest, if they are so by
-WORTH, if no rival, such as a gain that is suspected, makes them likelier, and if it is not the last
-that is tried. Wrong materials that fit by chance ask for less than the right ones need, so it may
-be less than the curves are off by.
+that need it gain. So of some de that is looked for by which the pixels are likeliest, if they are
+so by WORTH, if no rival, such as a gain that is suspected, makes them likelier, and if it is not
+the last that is tried. Wrong materials that fit by chance ask for less than the right ones need: so
+the largest de is taken that is as likely to NEARLY. It may still be less than curves are off by.
 
 What the library lacks asks for it in its own pixels, and all others pay: so half of the materials
-must gain (`asked_by_half`). And nothing else may be left (`what_noise_leaves`).
+must gain (`asked_by_half`) where more is left than noise leaves (`what_noise_leaves`).
 """
 
 from typing import NamedTuple
@@ -22,13 +22,13 @@ ERRORS = 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08  # de, one standard deviation
 FIRST = 0.0025, 0.01  # of which one at least is likelier than none, or none is
 MOST = 20.0  # nats that a pixel counts: those of a mixed one mean nothing
 NOTHING = 1e9  # nats, or more: what looks like nothing
-WORTH = 0.25  # nats per pixel
+WORTH, NEARLY = 0.25, 0.5  # nats per pixel
 LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials that gain
 
 
 class Off(NamedTuple):
     """found    Calibration with an error of the curves
-    gained   (P,) nats by which pixels are likelier than without
+    gained   (P,) nats by which pixels are likelier than without, with that by which they are most
     """
 
     found: Calibration
@@ -36,8 +36,8 @@ class Off(NamedTuple):
 
 
 def likeliest_curves(nats_of, found, rivals=()):
-    """Off, a Calibration found and with it that of ERRORS by which pixels are likeliest; None where
-    that is worth too little, a rival is likelier, or it is the largest.
+    """Off, a Calibration found and with it the largest of ERRORS by which pixels are NEARLY as
+    likely as by any; None where that is worth too little, a rival is likelier, or none is larger.
 
     nats_of  NegativeLogEvidence of the pixels (P,), corrected by a Calibration
     rivals   Calibrations that may be right instead
@@ -54,7 +54,8 @@ def likeliest_curves(nats_of, found, rivals=()):
     likelier = any(loss[c].mean() < loss[best].mean() for c in rivals)
     if gained.mean() < WORTH or likelier or best.curves == ERRORS[-1]:
         return None
-    return Off(best, gained)
+    near = [c for c in off[:-1] if loss[c].mean() <= loss[best].mean() + NEARLY]
+    return Off(near[-1], gained)
 
 
 def asked_by_half(gained, material):
