@@ -10,10 +10,21 @@ from traced import names_of, one_thread, right, traced  # noqa: F401
 
 import texnet.camera.calibration
 from physics import HeatCube, InputError, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.environment import SMOOTH_UM, Environment
 from physics.planck import planck, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K, lighting_scale
-from texnet.camera.curve_error import asked_by_half, what_noise_leaves
+from physics.simulator import simulate
+from physics.simulator.presets import preset
+from texnet.camera.correction import RIGHT
+from texnet.camera.curve_error import (
+    ERRORS,
+    NEARLY,
+    WORTH,
+    asked_by_half,
+    likeliest_curves,
+    what_noise_leaves,
+)
 from texnet.metrics import evaluate
 from texnet.pipeline import decompose
 
@@ -107,6 +118,43 @@ def test_curves_that_are_off_are_allowed_for_and_more_is_right(name, method, err
     assert noisy.curve_error == 0 and noisy.noise_raised > 1
     known = lambda a: ((names_of(a) == names_of(truth)) & ~a.unknown).mean()
     assert known(d) > known(noisy) + 0.1
+
+
+@pytest.mark.parametrize("seed", [5_000_003, 5_000_007])  # hardly any but soil; a room of one light
+def test_one_material_and_one_object_are_enough_where_nothing_else_is_left(seed, monkeypatch):
+    w, fwhm = equidistant_bands(54)
+    scene = preset("random", seed)
+    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=16)
+    d = decompose(cube, with_errors(0.01))
+    assert 0 < d.curve_error <= 0.02 and d.noise_raised == 1
+    assert evaluate(d, truth)["accuracy_answered"] > 0.9
+    monkeypatch.setattr(texnet.camera.calibration, "likeliest_curves", lambda *_: None)
+    without = decompose(cube, with_errors(0.01))
+    known = lambda a: ((names_of(a) == names_of(truth)) & ~a.unknown).mean()
+    assert known(d) > known(without) + 0.1
+
+
+class Nats:
+    """Of four pixels by the error of curves: the k-th is worth nats[k] more than none."""
+
+    def __init__(self, nats):
+        self.nats = dict(zip(ERRORS, nats, strict=True))
+
+    def each(self, calibrations):
+        return {c: np.full(4, 5.0 - self.nats.get(c.curves, 0.0)) for c in calibrations}
+
+
+@given(st.lists(st.integers(-16, 16), min_size=len(ERRORS), max_size=len(ERRORS)))
+@example([4, 3, 1, 2, -4, -16])
+def test_the_largest_error_that_is_nearly_the_likeliest_is_taken(quarters):
+    nats = [n / 4 for n in quarters]
+    off = likeliest_curves(Nats(nats), RIGHT)
+    taken = max(nats[0], nats[2]) > 0 and max(nats[:-1]) >= max(WORTH, nats[-1])
+    assert (off is not None) == taken
+    if taken:
+        near = [e for e, n in zip(ERRORS[:-1], nats, strict=False) if n >= max(nats) - NEARLY]
+        assert off.found.curves == near[-1]
+        np.testing.assert_allclose(off.gained, max(nats))
 
 
 def test_a_gain_that_is_far_less_likely_than_curves_is_not_suspected():
