@@ -561,6 +561,9 @@ def test_what_fits_only_at_the_noise_that_is_stated_does_not_fit():
     # what is left where the noise is far too much is not what is left in the end
     rigid = lambda noise: 0.9 + 0.1 * (noise > 8)
     assert found(lambda *_: 10.0, residual=rigid) == RIGHT
+    # nor what leaves as much as is assumed, until little is
+    settles = lambda noise: 0.9 if noise < 8 else noise / 3.9
+    assert found(lambda *_: 10.0, residual=settles) == RIGHT
     # nor is a gain believed with which nothing fits
     likely = lambda gain, offset_k: 10 + 2e3 * (gain - 0.05) ** 2 + abs(offset_k)
     assert found(likely, residual=flexible).gain == 1

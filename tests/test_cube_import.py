@@ -1046,6 +1046,7 @@ def test_to_import_a_cube_needs_neither_torch_nor_numba(tmp_path):
         ({"rows": (0, 10)}, r"rows must be a slice, as slice\(0, 100\)"),
         ({"columns": 3}, "columns must be a slice"),
         ({"columns": slice(0.5, 2)}, "columns must be a slice"),
+        ({"rows": slice(0, 3, 0)}, "rows must be a slice"),
         ({"range_um": (9.0, np.nan)}, "range_um must be two numbers"),
     ],
 )

@@ -115,6 +115,19 @@ def test_a_file_of_another_writer(tmp_path, density, factor):
     assert cube.shape == (3, 4) and cube.netd_k is None and (cube.fwhm_um == 0).all()
 
 
+def test_a_fill_value_beyond_float32_in_our_unit_is_a_dead_pixel(tmp_path):
+    filled = plane(1e-3)
+    filled[0, 1] = np.finfo(np.float32).max
+    channels = {f"S0.{w}um": filled for w in (9, 10, 11)}
+    write_exr(tmp_path / "a.exr", channels, emissiveUnits=UNITS + ".nm^-1")
+    assert (read_cube(tmp_path / "a.exr").dead == (filled > 1)).all()
+
+
+def test_a_name_that_no_disk_takes_is_no_file():
+    with pytest.raises(InputError, match="there is no file"):
+        read_cube("n" * 300 + ".exr")
+
+
 @pytest.mark.parametrize(
     "header",
     [

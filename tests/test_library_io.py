@@ -525,6 +525,13 @@ def test_other_mistakes(tmp_path, capfd):
     assert "cannot read" in refused(capfd, path, "--out", out, "--names", tmp_path / "gone.txt")
 
 
+def test_an_empty_name_is_not_the_current_folder(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["library", "import", "", "--out", "a.json"]) == 2
+    assert "its name is empty" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_failed_import_leaves_the_old_library(tmp_path, capfd):
     out = tmp_path / "lib.json"
     out.write_text("old", encoding="utf-8")

@@ -125,6 +125,15 @@ def test_defective_pixels_are_not_the_noise(share, of_values):
     assert replace(cube, radiance=s).with_netd().netd_k == pytest.approx(0.06, rel=0.25)
 
 
+@pytest.mark.parametrize(("shape", "bands"), [((9, 12), 54), ((10, 20), 100)])
+def test_two_pixels_a_band_will_do(shape, bands):
+    w = np.linspace(8, 14, bands)
+    s = np.broadcast_to(planck(w, 290.0)[:, None, None], (bands, *shape))
+    noise = noise_sigma(w, 0.05)[:, None, None]
+    s = s + noise * np.random.default_rng(0).normal(size=s.shape)
+    assert HeatCube(s, w).with_netd().netd_k == pytest.approx(0.05, rel=0.15)
+
+
 @pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("pixels", [120, 300, 1500])
 def test_noise_of_few_pixels_is_not_overstated(pixels, alike):

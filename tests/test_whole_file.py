@@ -31,6 +31,12 @@ def test_all_or_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
+def test_a_name_may_be_as_long_as_the_disk_takes(tmp_path):
+    file = tmp_path / ("n" * 250 + ".json")
+    write(file, "new")
+    assert list(tmp_path.iterdir()) == [file]
+
+
 def test_a_link_stays_one_and_its_target_is_written(tmp_path):
     (tmp_path / "deep").mkdir()
     target, link, longer = tmp_path / "deep" / "data", tmp_path / "a.json", tmp_path / "b.json"

@@ -384,7 +384,7 @@ def _library(to):
     text = "turn a third-party library into one for --library"
     p = _add(actions, "import", commands.library_import, text)
     p.add_argument(
-        "file", metavar="FILE", type=Path,
+        "file", metavar="FILE", type=_file_or_folder,
         help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv; .json, to "
         "give it a sky",
     )  # fmt: skip
@@ -437,6 +437,12 @@ def _size(text):
     if match is None:
         raise argparse.ArgumentTypeError(f"need HEIGHTxWIDTH such as 256x384, got {text!r}")
     return int(match[1]), int(match[2])
+
+
+def _file_or_folder(text):
+    if not text:  # or it would be the current folder
+        raise argparse.ArgumentTypeError("its name is empty")
+    return Path(text)
 
 
 def _first_last(text):

@@ -279,6 +279,8 @@ def _training(cache):
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as e:
         raise InputError(f"--cache: cannot make the folder {cache}: {e.strerror}.") from e
+    if not os.access(cache, os.W_OK):
+        raise InputError(f"--cache: the folder {cache} is read-only.")
     try:
         with _resumable("from the last epoch") as report:
             yield report

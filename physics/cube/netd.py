@@ -131,7 +131,7 @@ def _sound(spectra):
     bands = spectra.shape[1]
     off, sound = spectra - np.median(spectra, axis=0), np.ones(len(spectra), bool)
     for _ in range(SWEEPS):
-        if np.count_nonzero(sound) <= LEAST_PER_BAND * bands:
+        if np.count_nonzero(sound) < LEAST_PER_BAND * bands:
             return None
         axes = np.linalg.eigh(np.cov(spectra[sound].T))[1]
         square = ((off @ axes[:, : bands // 2]) ** 2).sum(axis=1)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from ..errors import InputError
 
+SHOWN = 40  # letters of a file's name in its neighbour's, which may not be too long, either
+
 
 def check_writable(path, *inputs, suffix=()):
     """Raise InputError, before hours of work, if a file could not be written at path.
@@ -43,7 +45,7 @@ def whole_file(path):
     path = Path(path)
     check_writable(path)
     target = _target(path)
-    part = target.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    part = target.with_name(f".{path.stem[:SHOWN]}.{secrets.token_hex(4)}{path.suffix}")
     try:
         yield part
         os.replace(part, target)

@@ -4,7 +4,9 @@ What is left is asked of the quarter of the pixels that fit best, so that neithe
 missing material decide, and at more noise than is stated: wrong materials, mirrors above all, make
 up for wrong curves and wrong bands, and the less noise, the more they have to make up for. So the
 noise is first taken to be FIRST times as much as stated (with few bands, which then tell no
-materials apart, MORE times), and then MORE times what is left, until that no longer changes.
+materials apart, MORE times), and then MORE times what is left, until that no longer changes. It may
+do so where nothing is wrong, among many alike materials above all: so if nothing is left at MORE
+times the noise, nothing is.
 
 What is left beyond noise is wrong in many bands and pixels alike, and misleads more than noise
 does. So MORE times what is left is called noise, and T, to which all bands add up, may be off by
@@ -37,9 +39,17 @@ def fits(left, cube):
     return left <= just(cube) + RISE
 
 
-def left_of(at, rises):
+def left_of(at, rises, least):
     """What is left even of the pixels that fit best, in noise units as stated; at(noise) is that
-    where the noise is taken to be so many times as much, from FIRST down or from MORE up."""
+    where the noise is taken to be so many times as much, from FIRST down or from MORE up; but
+    what is left at MORE, if that is least, in these units, or less."""
+    left = _settled(at, rises)
+    if left > least and 0 < (low := at(MORE)) <= least:
+        return low
+    return left
+
+
+def _settled(at, rises):
     noise = MORE if rises else FIRST
     left = at(noise)
     for looked in range(LOOKS):

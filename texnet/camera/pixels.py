@@ -17,7 +17,7 @@ from physics.prior import like_sky
 from ..methods import Look
 from .correction import Distances, corrected, corrected_environment, lifted_nats
 from .distances import far, likeliest_octaves
-from .misfit import few, left_of
+from .misfit import few, just, left_of
 from .nats import NegativeLogEvidence
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
@@ -124,7 +124,7 @@ class SampledPixels:
             maps = self.maps(corrected_environment(self.environment, noisy), taken)
             return self.quartile(maps) * (taken.netd_k / stated)
 
-        return left_of(at, rises=few(self.cube))
+        return left_of(at, few(self.cube), just(self.cube))
 
 
 def sample(cube, left_out=None):

@@ -15,6 +15,7 @@ The unit is the caller's to say.
 Heat cubes themselves (`cube_io`), of which a part is wanted.
 """
 
+import os
 import re
 from pathlib import Path
 
@@ -69,8 +70,8 @@ def import_cube(
     mean.
     """
     path = Path(path)
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
+    if not os.path.isfile(path):  # unlike Path's, False where it may not be looked at
+        what = "is a folder" if os.path.isdir(path) else "does not exist"
         raise InputError(f"cube: {path} {what}; give a file.")
     if unit is not None and (unit := unit_of(str(said := unit))) is None:
         raise InputError(f"cube: {said!r} is no unit that is known; use {', '.join(UNIT_NAMES)}.")
@@ -80,7 +81,7 @@ def import_cube(
     for name, part in (("rows", rows), ("columns", columns)):
         try:
             part is None or part.indices(1)
-        except (AttributeError, TypeError) as e:
+        except (AttributeError, TypeError, ValueError) as e:
             said = f"cube: {name} must be a slice, as slice(0, 100), got {part!r}."
             raise InputError(said) from e
     try:

@@ -71,7 +71,7 @@ def read_cube(path):
     """
     path = Path(path)
     read, _ = _format(path)
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path's, False where it may not be looked at
         raise InputError(f"cube: there is no file {path}.")
     if path.is_dir():
         raise InputError(f"cube: {path} is a folder, not a cube.")
@@ -175,6 +175,8 @@ def some_arrays(path, keys):
             return data.files, {key: _plain(data, key, path) for key in keys if key in data.files}
     except InputError:
         raise
+    except PermissionError as e:
+        raise InputError(f"cube: {path} may not be read; check its permissions.") from e
     except BROKEN_NPZ as e:
         raise InputError(f"cube: {path} is not a whole npz file of plain arrays.") from e
 
@@ -328,7 +330,8 @@ def _scanlines(path, names, window, scale):
                 lines = file.channels(names, kind, top + y, top + end - 1)
                 for band, line in zip(cube, lines, strict=True):
                     band[y:end] = np.frombuffer(line, np.float32).reshape(-1, width)
-                    band[y:end] *= scale
+                    with np.errstate(over="ignore", invalid="ignore"):  # of what means nothing
+                        band[y:end] *= scale
                 scratch.release(cube)
             file.close()
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as e:

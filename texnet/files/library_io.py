@@ -18,6 +18,7 @@ is left out.
 `.json`: a library file, to name or add a sky.
 """
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -58,7 +59,7 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     its numbers mean.
     """
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path's, False where it may not be looked at
         raise InputError(f"library: there is no file {path}.")
     kind = ".txt" if path.is_dir() else path.suffix.lower()
     if kind not in (".mat", ".json") and kind not in READERS:
