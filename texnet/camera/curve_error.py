@@ -37,7 +37,8 @@ class Off(NamedTuple):
 
 def likeliest_curves(nats_of, found, rivals=()):
     """Off, a Calibration found and with it the largest of ERRORS by which pixels are NEARLY as
-    likely as by any; None where that is worth too little, a rival is likelier, or none is larger.
+    likely as by any; None where these are worth too little, a rival is likelier, or the likeliest
+    is the last.
 
     nats_of  NegativeLogEvidence of the pixels (P,), corrected by a Calibration
     rivals   Calibrations that may be right instead

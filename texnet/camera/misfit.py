@@ -4,9 +4,10 @@ What is left is asked of the quarter of the pixels that fit best, so that neithe
 missing material decide, and at more noise than is stated: wrong materials, mirrors above all, make
 up for wrong curves and wrong bands, and the less noise, the more they have to make up for. So the
 noise is first taken to be FIRST times as much as stated (with few bands, which then tell no
-materials apart, MORE times), and then MORE times what is left, until that no longer changes. It may
-do so where nothing is wrong, among many alike materials above all: so if nothing is left at MORE
-times the noise, nothing is, but of a scene that no sky lights, which mirrors of its own fit.
+materials apart, MORE times), and then MORE times what is left, until that no longer changes. That
+may end at much noise where nothing is wrong, among many alike materials above all: so under a sky
+nothing is left if nothing is at MORE times the noise. Where no sky lights a scene, mirrors of its
+own objects fit everything then.
 
 What is left beyond noise is wrong in many bands and pixels alike, and misleads more than noise
 does. So MORE times what is left is called noise, and T, to which all bands add up, may be off by
@@ -39,17 +40,9 @@ def fits(left, cube):
     return left <= just(cube) + RISE
 
 
-def left_of(at, rises, least):
+def left_of(at, rises):
     """What is left even of the pixels that fit best, in noise units as stated; at(noise) is that
-    where the noise is taken to be so many times as much, from FIRST down or from MORE up; but
-    what is left at MORE, if that is least, in these units, or less, and least is not 0."""
-    left = _settled(at, rises)
-    if 0 < least < left and 0 < (low := at(MORE)) <= least:
-        return low
-    return left
-
-
-def _settled(at, rises):
+    where the noise is taken to be so many times as much, from FIRST down or from MORE up."""
     noise = MORE if rises else FIRST
     left = at(noise)
     for looked in range(LOOKS):

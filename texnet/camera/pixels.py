@@ -17,7 +17,7 @@ from physics.prior import like_sky
 from ..methods import Look
 from .correction import Distances, corrected, corrected_environment, lifted_nats
 from .distances import far, likeliest_octaves
-from .misfit import few, just, left_of
+from .misfit import MORE, few, just, left_of
 from .nats import NegativeLogEvidence
 
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
@@ -124,9 +124,10 @@ class SampledPixels:
             maps = self.maps(corrected_environment(self.environment, noisy), taken)
             return self.quartile(maps) * (taken.netd_k / stated)
 
-        # with no sky, all that lights the scene is of its own: mirrors fit at little noise
-        least = just(self.cube) if self.environment.sky else 0.0
-        return left_of(at, few(self.cube), least)
+        left, nothing = left_of(at, rises=few(self.cube)), just(self.cube)
+        if left > nothing and self.environment.sky and 0 < (low := at(MORE)) <= nothing:
+            return low
+        return left
 
 
 def sample(cube, left_out=None):
