@@ -66,10 +66,10 @@ def only(known, held):
 
 def among_all(maps, held):
     """Maps by the materials that are held, a mask of all, -> by all, the others' probability 0."""
-    of_held, rows = maps["material_probability"], np.cumsum(held) - 1
-    every = scratch.empty((len(held), *of_held.shape[1:]), of_held.dtype)
-    for m, row in enumerate(rows):
-        every[m] = of_held[row] if held[m] else 0.0
+    of_held = maps["material_probability"]
+    every = scratch.zeros((len(held), *of_held.shape[1:]), of_held.dtype)
+    for row, m in enumerate(np.flatnonzero(held)):
+        every[m] = of_held[row]
         scratch.release(every)
         scratch.release(of_held)
     material = np.flatnonzero(held).astype(maps["material"].dtype)[maps["material"]]

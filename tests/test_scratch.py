@@ -20,7 +20,7 @@ def all_large(monkeypatch):
 
 
 def test_what_is_released_is_there_again(all_large):
-    a = scratch.empty((5, 300, 400), np.float32)
+    a = scratch.zeros((5, 300, 400), np.float32)
     assert isinstance(a, np.memmap)
     b = np.random.default_rng(0).random(a.shape, np.float32)
     a[:] = b
@@ -30,7 +30,7 @@ def test_what_is_released_is_there_again(all_large):
 
 
 def test_small_arrays_stay_in_memory():
-    a = scratch.empty((3, 4), np.int16)
+    a = scratch.zeros((3, 4), np.int16)
     assert type(a) is np.ndarray and a.dtype == np.int16
     scratch.release(a)
 
@@ -100,7 +100,7 @@ def test_no_room_is_one_sentence(tmp_path, monkeypatch, all_large):
 
 def test_tiles_of_a_picture_in_a_file(all_large):
     picture = np.random.default_rng(3).random((3, 40, 50)).astype(np.float32)
-    filed = scratch.empty(picture.shape, np.float32)
+    filed = scratch.zeros(picture.shape, np.float32)
     filed[:] = picture
 
     def doubled(tile, inner, _):

@@ -148,7 +148,7 @@ def expected(probability):
     for _ in range(SWEEPS if says.any() else 0):
         share = sum(_weighted(probability[:, i, says[i]], weight).sum(axis=1) for i in rows)
         weight = np.maximum(share / np.count_nonzero(says), LEAST_SHARE) ** HALF
-    nats = scratch.empty(probability.shape, np.float32)
+    nats = scratch.zeros(probability.shape, np.float32)
     for i in rows:
         nats[:, i] = HALF * np.log(np.maximum(_weighted(probability[:, i], weight), LEAST))
     return nats

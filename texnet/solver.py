@@ -154,11 +154,17 @@ def _maps(radiance, model, local, answer, trust, threads):
         "texture": as_map(texture.T),
         "sky_texture": as_map(sky_texture),
         "residual": as_map(residual),
-        "log_evidence": as_map(np.logaddexp.reduce(-local.energy.astype(np.float64), axis=1)),
+        "log_evidence": as_map(_log_evidence(local.energy)),
         "temperature_sigma_k": as_map(sigma),
         "material_probability": as_map(probability.T),
         "unknown": as_map(~known, bool),  # so that what is no number is unknown
     }
+
+
+def _log_evidence(energy):
+    """(P,) of all materials together, of energy (P, L)."""
+    least = energy.min(axis=1)
+    return np.log(np.exp(least[:, None] - energy).sum(axis=1)) - least
 
 
 def _sigma(each_k, sigmas_k, probability, temperature_k, own_k, residual, other):

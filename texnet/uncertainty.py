@@ -66,7 +66,7 @@ def unreliable(maps, c, bands):
     """Which pixels (height, width) of maps by name are unknown because of so few bands, or of what
     a Calibration says of noise, curves and air: what fits clearly worse than the pixels that fit
     best, though not for noise, or is not likely enough."""
-    out = scratch.empty(maps["material"].shape, bool)
+    out = scratch.zeros(maps["material"].shape, bool)
     off = max(c.noise - 1, c.curves / CURVES_OFF, c.air_error / AIR_OFF)
     least = SURE * min(off, 1.0)  # no step
     least = max(least, LIKELY * (bands < FEW_BANDS))
@@ -83,7 +83,7 @@ def unreliable(maps, c, bands):
 
 def sigma_among_neighbours(sigma, temperature, material):
     """sigma (height, width) K of a map of T, K, and material, with the doubt that edges add."""
-    out = scratch.empty(sigma.shape, np.float32)
+    out = scratch.zeros(sigma.shape, np.float32)
     height = len(sigma)
     for top in range(0, height, ROWS):
         bottom = min(top + ROWS, height)
@@ -126,7 +126,7 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k, emissivit
     off, slope = noise_sigma(wavelength_um, error_k), planck_derivative(wavelength_um, t[:, None])
     gain = off / planck(wavelength_um, 300.0) * planck(wavelength_um, t[:, None])
     moved = np.maximum((off / slope).mean(axis=1), (gain / slope).mean(axis=1))
-    out = scratch.empty(sigma.shape, np.float32)
+    out = scratch.zeros(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)
         k = np.interp(temperature[part], t, moved)
@@ -146,7 +146,7 @@ def with_level_error(sigma, maps, library, cube, curve_error=0.0):
     if not level.any():
         return sigma
     curves = library.of_bands(cube.nodes_um)
-    out = scratch.empty(sigma.shape, np.float32)
+    out = scratch.zeros(sigma.shape, np.float32)
     for top in range(0, len(sigma), ROWS):
         part = slice(top, top + ROWS)
         material = maps["material"][part].astype(np.intp)

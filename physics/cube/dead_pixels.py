@@ -38,7 +38,7 @@ def lifted(radiance):
         if light.size:
             usual[b] = np.median(light)
             shown |= lit(band) & (band > SHOWN * usual[b])
-    copy = scratch.empty(radiance.shape, np.float32)
+    copy = scratch.zeros(radiance.shape, np.float32)
     for to, band, m in zip(copy, scratch.parts(radiance), usual, strict=True):
         faint = shown & (band < 0) & (band > -FAINT * m)
         alone = np.count_nonzero(faint) < MANY  # as a detector is that is stuck
@@ -138,7 +138,7 @@ def _nearest(dead):
 
 
 def _copy(radiance, dead, by, dark):
-    copy = scratch.empty(radiance.shape, np.float32)
+    copy = scratch.zeros(radiance.shape, np.float32)
     for to, band, blank in zip(copy, scratch.parts(radiance), dark, strict=True):
         to[:] = band
         to[dead] = by(band)

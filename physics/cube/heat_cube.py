@@ -224,7 +224,7 @@ class HeatCube(ReadOnly):
 
     def only(self, good):
         """The HeatCube of some of its bands, (bands,) bool."""
-        radiance = scratch.empty((np.count_nonzero(good), *self.shape), np.float32)
+        radiance = scratch.zeros((np.count_nonzero(good), *self.shape), np.float32)
         for to, b in zip(radiance, np.flatnonzero(good), strict=True):
             to[:] = self.radiance[b]
             scratch.release(self.radiance)

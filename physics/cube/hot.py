@@ -53,7 +53,7 @@ def split_hot(cube):
     hot = far_hotter(cube)
     if not hot.any():
         return Split(cube, hot, np.empty((cube.bands, 0), np.float32))
-    alone = scratch.empty((cube.bands, np.count_nonzero(hot)), np.float32)
+    alone = scratch.zeros((cube.bands, np.count_nonzero(hot)), np.float32)
     for to, band in zip(alone, scratch.parts(cube.radiance), strict=True):
         to[:] = band[hot]
     return Split(replace(cube, dead=cube.dead | hot), hot, alone)

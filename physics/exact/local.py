@@ -84,12 +84,12 @@ def solve_local(
     row = np.zeros(shape, np.int16)
     lighting = np.empty((pixels, model.k), np.float32)
     (linear, square), tables, of_t = model.of_all, model.tables, model.of_t
-    tries, rows, origin = _tries(model, among)
+    rows, tries, of_try, origin = _tries(model, among)
     material, square = model.material[rows], square[rows]
     is_sky = model.library.is_sky[material]
     middle = len(model.sigma) // 2
     threads = threads or numba.get_num_threads()
-    fits = BLOCK_BYTES // (8 * len(rows) * (model.terms + 2 * model.k + 5))
+    fits = BLOCK_BYTES // (8 * len(of_try) * (model.terms + 2 * model.k + 5))
     size = max(LANES, min(BLOCK, fits, -(-pixels // threads)) // LANES * LANES)
 
     def solve_block(first):
@@ -101,27 +101,29 @@ def solve_local(
         looks = (start_k - model.mid_k) / model.half_k
         start = np.stack([looks, *(np.full_like(looks, tau) for tau in HALFWAY)])
         _solve_block(
-            radiance / model.sigma[:, None], start, tries, rows, origin, linear, square, model.gram,
-            tables, model.terms, model.k, *of_t, material, is_sky, model.mid_k, hopeless,
-            energy[part], temperature[part], sigma[part], row[part], lighting[part],
+            radiance / model.sigma[:, None], start, rows, tries, of_try, origin, linear, square,
+            model.gram, tables, model.terms, model.k, *of_t, material, is_sky, model.mid_k,
+            hopeless, energy[part], temperature[part], sigma[part], row[part], lighting[part],
         )  # fmt: skip
 
     blocks = range(0, pixels, size)
     in_threads(solve_block, blocks, threads, progress)
-    return LocalSolution(energy, temperature, sigma, rows.astype(np.int16)[row], lighting)
+    rows = rows[of_try].astype(np.int16)
+    return LocalSolution(energy, temperature, sigma, rows[row], lighting)
 
 
 def _tries(model, among):
-    """What is tried: of each hypothesis the tries (H, 3), -1 for none; and of each try the row of
-    the model and the start (Q,)."""
+    """What is tried: the model's rows (H,) that are hypotheses; of each its tries (H, 3), -1 for
+    none; and of each try its hypothesis and the start (Q,)."""
     held = np.ones(len(model.library), bool) if among is None else among
     rows = np.flatnonzero(prior.among(model.material, model.sky_share, model.library.is_sky, held))
+    once = np.arange(len(rows))
     again = np.flatnonzero(model.emissivity[rows].mean(axis=1) < REFLECTS)
     tries = np.full((len(rows), 3), -1)
-    tries[:, 0] = np.arange(len(rows))
+    tries[:, 0] = once
     tries[again, 1:] = len(rows) + np.arange(2 * len(again)).reshape(2, -1).T
     origin = np.repeat([0, 1, 2], [len(rows), len(again), len(again)])
-    return tries, np.concatenate([rows, rows[again], rows[again]]), origin
+    return rows, tries, np.concatenate([once, again, again]), origin
 
 
 def solve_given(model: ReducedModel, spectra, row, temperature_k, weight, mean_k):
@@ -172,46 +174,47 @@ def energy_given(model: ReducedModel, spectra, row, temperature_k, lighting):
 
 @compiled(nogil=True, error_model="numpy")
 def _solve_block(
-    s, start, tries, of_try, origin, linear, square, gram, tables, n, k, half, weight, mean,
+    s, start, rows, tries, of_try, origin, linear, square, gram, tables, n, k, half, weight, mean,
     material, is_sky, mid, hopeless, energy, temperature, sigma, row, lighting,
 ):  # fmt: skip
     """All hypotheses of P pixels, for `solve_local`: s (bands, P) in noise units, start (3, P) tau;
-    tries, of_try and origin by `_tries`; row here is that of a try.
+    rows to origin by `_tries`; row here is that of a try.
 
     Here pixel p is lane p % LANES of group p // LANES."""
-    pixels, rows = s.shape[1], len(of_try)
-    groups = (pixels + LANES - 1) // LANES
-    h, v = np.empty((rows, groups, n + k, LANES)), np.empty((rows, groups, k, LANES))
-    every = (rows, groups, LANES)
-    constant, value, bound = np.empty(every), np.empty(every), np.empty(every)
+    pixels, groups = s.shape[1], (s.shape[1] + LANES - 1) // LANES
+    h, constant = np.empty((len(rows), groups, n + k, LANES)), np.empty((len(rows), groups, LANES))
+    every = (len(of_try), groups, LANES)
+    value, bound = np.empty(every), np.empty(every)
     tau, curvature = np.empty(every), np.empty(every)
+    v = np.empty((len(of_try), groups, k, LANES))
     _without_bounds(
-        s, start, of_try, origin, linear, square, tables, n, k, half, weight, mean, h, constant,
-        value, bound, tau, curvature, v,
+        s, start, rows, tries, origin, linear, square, tables, n, k, half, weight, mean, h,
+        constant, value, bound, tau, curvature, v,
     )  # fmt: skip
 
     best, ground = np.full(pixels, np.inf), np.full(pixels, np.inf)  # of all; of what is not sky
     lead, least = np.zeros(pixels, np.int64), np.full(pixels, np.inf)  # the most promising row
-    for r in range(rows):
+    for q in range(len(of_try)):
+        sky = is_sky[of_try[q]]
         for p in range(pixels):
             g, i = p // LANES, p % LANES
-            b = bound[r, g, i]
+            b = bound[q, g, i]
             if b == np.inf:
-                best[p] = min(best[p], value[r, g, i])
-                if not is_sky[r]:
-                    ground[p] = min(ground[p], value[r, g, i])
-            elif -np.inf < b < least[p] and not is_sky[r]:
-                lead[p], least[p] = r, b
+                best[p] = min(best[p], value[q, g, i])
+                if not sky:
+                    ground[p] = min(ground[p], value[q, g, i])
+            elif -np.inf < b < least[p] and not sky:
+                lead[p], least[p] = q, b
 
     todo = np.empty(pixels, np.int64)
     for leading in (True, False):
         # what comes later in the round does not count, lest the order of materials matter
         enough, ground_enough = best + hopeless, ground.copy()
-        for r in range(rows):
-            count = 0
+        for q in range(len(of_try)):
+            r, count = of_try[q], 0
             for p in range(pixels):
-                b = bound[r, p // LANES, p % LANES]
-                if (not leading or lead[p] == r) and (
+                b = bound[q, p // LANES, p % LANES]
+                if (not leading or lead[p] == q) and (
                     b < enough[p] or (b < ground_enough[p] and not is_sky[r])
                 ):
                     todo[count] = p
@@ -219,31 +222,35 @@ def _solve_block(
             if not count:
                 continue
             _put_bounds(
-                todo[:count], of_try[r], h[r], constant[r], gram[of_try[r]], tables, n, k, half,
-                weight, mean, value[r], tau[r], curvature[r], v[r],
+                todo[:count], rows[r], h[r], constant[r], gram[rows[r]], tables, n, k, half,
+                weight, mean, value[q], tau[q], curvature[q], v[q],
             )  # fmt: skip
             for p in todo[:count]:
                 g, i = p // LANES, p % LANES
-                best[p] = min(best[p], value[r, g, i])
+                best[p] = min(best[p], value[q, g, i])
                 if not is_sky[r]:
-                    ground[p] = min(ground[p], value[r, g, i])
-                bound[r, g, i] = np.inf
+                    ground[p] = min(ground[p], value[q, g, i])
+                bound[q, g, i] = np.inf
 
     nats, deviation, variance = np.empty(3), np.empty(3), np.empty(3)
-    for r in range(len(tries)):
-        m, count = material[tries[r, 0]], 3 if tries[r, 1] >= 0 else 1
-        for p in range(pixels):
-            g, i = p // LANES, p % LANES
-            for a in range(count):
-                q = tries[r, a]
-                nats[a] = value[q, g, i] if bound[q, g, i] == np.inf else bound[q, g, i]
-                deviation[a], variance[a] = half * tau[q, g, i], 1.0 / curvature[q, g, i]
-            a = np.argmin(nats[:count])
-            if nats[a] < energy[p, m]:
-                energy[p, m] = nats[a]
-                temperature[p, m] = mid + deviation[a]
-                sigma[p, m] = np.sqrt(_over_minima(nats[:count], deviation, variance, a))
-                row[p, m] = tries[r, a]
+    for g in range(groups):
+        here = min(LANES, pixels - g * LANES)
+        for r in range(len(rows)):
+            m, count = material[r], 3 if tries[r, 1] >= 0 else 1
+            for i in range(here):
+                p = g * LANES + i
+                for a in range(count):
+                    q = tries[r, a]
+                    nats[a] = value[q, g, i] if bound[q, g, i] == np.inf else bound[q, g, i]
+                a = 0 if count == 1 else np.argmin(nats)
+                if not nats[a] < energy[p, m]:
+                    continue
+                energy[p, m], row[p, m] = nats[a], tries[r, a]
+                for b in range(count):
+                    q = tries[r, b]
+                    deviation[b], variance[b] = half * tau[q, g, i], 1.0 / curvature[q, g, i]
+                of_t = variance[0] if count == 1 else _over_minima(nats, deviation, variance, a)
+                temperature[p, m], sigma[p, m] = mid + deviation[a], np.sqrt(of_t)
     for p in range(pixels):
         m = 0
         for other in range(1, energy.shape[1]):
@@ -270,42 +277,46 @@ def _over_minima(nats, deviation, variance, best):
 
 @compiled()
 def _without_bounds(
-    spectra, start, of_try, origin, linear, square, tables, n, k, half, weight, mean, h, constant,
-    value, bound, tau, curvature, v,
+    spectra, start, rows, tries, origin, linear, square, tables, n, k, half, weight, mean, h,
+    constant, value, bound, tau, curvature, v,
 ):  # fmt: skip
-    """All tries on the face of all V; h to v are (Q, groups, .., LANES), out. In bound is inf
-    where that is the answer."""
-    (bands, pixels), rows, groups = spectra.shape, len(of_try), h.shape[1]
+    """All tries on the face of all V; h and constant are (H, groups, .., LANES), value to v (Q,
+    groups, .., LANES), out. In bound is inf where that is the answer."""
+    (bands, pixels), groups = spectra.shape, h.shape[1]
     s, squared = np.ones((PANEL, bands + 1, LANES)), np.ones((bands + 1, LANES))
-    constants = np.empty((PANEL, rows, LANES))
+    constants = np.empty((PANEL, len(rows), LANES))
     deflated = np.empty((linear.shape[1] - n - k, LANES))
     work, v_gradient = np.empty((4 * n + 2 * k + 6, LANES)), np.empty((k, LANES))
     for first in range(0, groups, PANEL):
         panel = min(PANEL, groups - first)
-        for q in range(panel):
-            at = (first + q) * LANES
+        for i in range(panel):
+            at = (first + i) * LANES
             for j in range(bands):
                 for p in range(LANES):
-                    s[q, j, p] = spectra[j, min(at + p, pixels - 1)]
-                    squared[j, p] = s[q, j, p] ** 2
-            faces.times(square, squared, constants[q], LANES)
-        for r in range(rows):
-            for q in range(panel):
-                g = first + q
-                faces.times(linear[of_try[r], : n + k], s[q], h[r, g], LANES)
-                faces.times(linear[of_try[r], n + k :], s[q], deflated, LANES)
-                faces.less_half_squares(deflated, constants[q, r])
+                    s[i, j, p] = spectra[j, min(at + p, pixels - 1)]
+                    squared[j, p] = s[i, j, p] ** 2
+            faces.times(square, squared, constants[i], LANES)
+        for r in range(len(rows)):
+            for i in range(panel):
+                g = first + i
+                faces.times(linear[rows[r], : n + k], s[i], h[r, g], LANES)
+                faces.times(linear[rows[r], n + k :], s[i], deflated, LANES)
+                faces.less_half_squares(deflated, constants[i, r])
                 for p in range(LANES):
-                    constant[r, g, p] = constants[q, r, p]
-                    tau[r, g, p] = start[origin[r], min(g * LANES + p, pixels - 1)]
-                faces.solve_on_face(
-                    h[r, g], constant[r, g], LANES, tables, of_try[r], 0, half, weight, mean,
-                    tau[r, g], work, value[r, g], curvature[r, g], v[r, g], v_gradient,
-                )  # fmt: skip
-                faces.lower_bound(
-                    tables, of_try[r], half, tau[r, g], work, value[r, g], curvature[r, g], v[r, g],
-                    bound[r, g],
-                )  # fmt: skip
+                    constant[r, g, p] = constants[i, r, p]
+                for q in tries[r]:
+                    if q < 0:
+                        continue
+                    for p in range(LANES):
+                        tau[q, g, p] = start[origin[q], min(g * LANES + p, pixels - 1)]
+                    faces.solve_on_face(
+                        h[r, g], constant[r, g], LANES, tables, rows[r], 0, half, weight, mean,
+                        tau[q, g], work, value[q, g], curvature[q, g], v[q, g], v_gradient,
+                    )  # fmt: skip
+                    faces.lower_bound(
+                        tables, rows[r], half, tau[q, g], work, value[q, g], curvature[q, g],
+                        v[q, g], bound[q, g],
+                    )  # fmt: skip
 
 
 @compiled()

@@ -71,6 +71,7 @@ from . import faces
 
 PIXELS_PER_GROUP = 4096
 SERIES_TOLERANCE = 0.005  # noise units
+NEGLIGIBLE = 0.01  # variance of what the model cannot say, beside the noise's
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,6 +134,12 @@ class ReducedModel:
         """faces.Tables of all hypotheses, as a plain tuple."""
         return tuple(faces.tables(self.gram, self.terms, *self.of_t))
 
+    @cached_property
+    def to_deviation(self):
+        """(R, bands, d) U (I + U'U)^-1."""
+        u, t = self.deviation, self.deviation.transpose(0, 2, 1)
+        return np.linalg.solve(np.eye(u.shape[2]) + t @ u, t).transpose(0, 2, 1)
+
     @property
     def of_usual(self):
         """|V|^2 / (2 sigma_V^2) of the usual V: the constant of J that its prior adds."""
@@ -184,12 +191,10 @@ def reduce_model(
     scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
 
-    # P = scale (I - D D') scale, D = U (I + U'U)^-T/2 (Woodbury)
-    chol = np.linalg.cholesky(np.eye(u.shape[1]) + uu @ uu.transpose(0, 2, 1))
-    d = np.linalg.solve(chol, uu)
+    d, log_det = _deflation(uu)
     pa = au - (au @ d.transpose(0, 2, 1)) @ d
     gram = au @ pa.transpose(0, 2, 1)
-    log_det = 2 * np.log(np.diagonal(chol, axis1=1, axis2=2)).sum(1) - 2 * np.log(scale).sum(1)
+    log_det = log_det - 2 * np.log(scale).sum(axis=1)
     free = _free(k, terms, t)
     one_and_fisher = np.eye(k) + free.T @ gram @ free
     occam = 0.5 * np.linalg.slogdet(one_and_fisher)[1] + 0.5 * log_det - np.log(of.prior)
@@ -256,6 +261,17 @@ def _rows(of, series, light, sky_mean, sigma):
     a = np.concatenate([(1 - share) * series, (1 - share) * light / sigma], axis=1)
     a[:, 0] += share[:, 0] * sky_mean / sigma
     return a
+
+
+def _deflation(u):
+    """Of U' (R, q, bands), D' (R, d, bands), for which P = scale (I - D D') scale (Woodbury), zeros
+    at the end, and log det(I + U'U) (R,): along U's principal axes, but those in which it is
+    NEGLIGIBLE."""
+    variance, axes = np.linalg.eigh(u @ u.transpose(0, 2, 1))
+    variance, axes = np.maximum(variance[:, ::-1], 0), axes[:, :, ::-1]
+    kept = variance > NEGLIGIBLE
+    rows = axes.transpose(0, 2, 1) @ u * (kept / np.sqrt(1 + variance))[..., None]
+    return rows[:, : kept.sum(axis=1).max()], np.log1p(variance * kept).sum(axis=1)
 
 
 def _free(k, terms, t):

@@ -17,15 +17,15 @@ LARGE = 1 << 26  # bytes
 _OURS = weakref.WeakSet()  # maps of files that nobody else sees: all that is released
 
 
-def empty(shape, dtype):
-    """A new array, in a file of the folder for temporary files (TMPDIR) if it is LARGE.
+def zeros(shape, dtype):
+    """A new array of zeros, in a file of the folder for temporary files (TMPDIR) if it is LARGE.
 
     Raises InputError where that folder has no room.
     """
     dtype = np.dtype(dtype)
     size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     if size < LARGE:
-        return np.empty(shape, dtype)
+        return np.zeros(shape, dtype)
     try:
         with tempfile.TemporaryFile(prefix="texnet-") as file:
             if hasattr(os, "posix_fallocate"):  # else a full disk would kill the process later
@@ -43,7 +43,7 @@ def empty(shape, dtype):
 
 
 def release(array):
-    """Forget the pages in memory of an array from `empty`, or of a view of one; they are read
+    """Forget the pages in memory of an array from `zeros`, or of a view of one; they are read
     again if needed. Other arrays are left alone."""
     while array is not None and not isinstance(array, mmap.mmap):
         array = getattr(array, "base", None)

@@ -39,9 +39,10 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
         rows, columns = tile_size(y1 - y0, x1 - x0, halo, pixels, multiple, sharing)
         for y, x in product(range(y0, y1, rows), range(x0, x1, columns)):
             tiles.append((y, x, min(rows, y1 - y), min(columns, x1 - x)))
-    maps, writing = {}, Lock()
+    maps, writing, unreleased = {}, Lock(), 0
 
     def work(part):
+        nonlocal unreleased
         y, x, h, w = part
         top, left = max(0, y - halo), max(0, x - halo)
         tile = image[..., top : y + h + halo, left : x + w + halo]
@@ -49,10 +50,14 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
         with writing:
             for name, map_ in answer.items():
                 if name not in maps:
-                    maps[name] = scratch.empty((*map_.shape[:-2], height, width), map_.dtype)
+                    maps[name] = scratch.zeros((*map_.shape[:-2], height, width), map_.dtype)
                 maps[name][..., y : y + h, x : x + w] = map_
-                scratch.release(maps[name])
-            scratch.release(image)
+                unreleased += map_.nbytes
+            unreleased += tile.nbytes
+            if unreleased > scratch.LARGE:  # not each time: a page lies in tiles side by side
+                for whole in (image, *maps.values()):
+                    scratch.release(whole)
+                unreleased = 0
 
     in_threads(work, tiles, at_once, progress)
     return maps

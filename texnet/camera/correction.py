@@ -101,7 +101,7 @@ def corrected(cube, c, distances=None):
     if distances is not None:
         at, some = _by_distance(distances.metres, c, cube.nodes_um)
     all_of = np.array([_offset_and_gain(w, each) for each in some], np.float32)
-    radiance = scratch.empty(cube.radiance.shape, np.float32)
+    radiance = scratch.zeros(cube.radiance.shape, np.float32)
     for b, band in enumerate(scratch.parts(cube.radiance)):
         offset, gain = all_of[at, 0, b], all_of[at, 1, b]
         radiance[b] = _corrected(band, offset, gain)

@@ -202,7 +202,7 @@ def unpacked(path, key):
             }[version]
             shape, fortran, dtype = read_header(npy)
             _check_numbers(dtype, key, path)
-            radiance = scratch.empty(shape[::-1] if fortran else shape, np.float32)
+            radiance = scratch.zeros(shape[::-1] if fortran else shape, np.float32)
             flat, n = radiance.reshape(-1), READ_BYTES // dtype.itemsize
             for start in range(0, flat.size, n):
                 part = flat[start : start + n]
@@ -320,7 +320,7 @@ def _scanlines(path, names, window, scale):
     (left, top), (right, bottom) = (corner.tolist() for corner in window)
     width, height = right - left + 1, bottom - top + 1
     step = max(16, READ_BYTES // (4 * width * len(names)) // 16 * 16)  # packed by 16 lines
-    cube = scratch.empty((len(names), height, width), np.float32)
+    cube = scratch.zeros((len(names), height, width), np.float32)
     kind = Imath.PixelType(Imath.PixelType.FLOAT)
     try:
         with _quiet_library():

@@ -221,7 +221,7 @@ def _radiance(raw, kept, w, progress):
     slowest = int(np.argmax(np.where(np.array(shape) > 1, strides, 0)))
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     gain, offset = (np.broadcast_to(x, shape[0])[kept] for x in (raw.gain, raw.offset))
-    radiance = scratch.empty((len(kept), *shape[1:]), np.float32)
+    radiance = scratch.zeros((len(kept), *shape[1:]), np.float32)
     # where bands have offsets, one number in all of them is a spectrum, but no camera's
     alike = len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset)
     filled = {number: np.ones(shape[1:], bool) for number in FILLS if alike}
