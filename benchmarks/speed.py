@@ -67,6 +67,7 @@ from texnet.learned import torch_model
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
 from texnet.runtime import Runtime
+from texnet.solver import HOPELESS_ALONE
 
 FRAME, BANDS, K = (1080, 1920), 54, 4
 OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V
@@ -203,7 +204,8 @@ def solver(cube, library, environment):
     model = reduce_model(cube, library, environment)
     pixels = np.random.default_rng(0).permutation(len(cube.spectra))[:SOLVER_PIXELS]
     spectra = cube.spectra[pixels]
-    return timed("solver", len(spectra), lambda: solve_local(model, spectra, threads=1))
+    run = partial(solve_local, model, spectra, hopeless=HOPELESS_ALONE, threads=1)
+    return timed("solver", len(spectra), run)
 
 
 def pan(bands):
