@@ -27,8 +27,9 @@ from numpy.polynomial import chebyshev
 from ..machinery.compiled import compiled
 
 STEPS = 12  # of Newton's method
-TOLERANCE = np.float32(1e-4)  # of the last step in tau: the next would be about its square
-UPHILL, ONE = np.float32(0.2), np.float32(1.0)
+# of the last step in tau, and of the last but one: the next would be about its square
+TOLERANCE, COARSE = 1e-4, np.float32(3e-3)
+ONE, TWO, UPHILL = np.float32(1.0), np.float32(2.0), np.float32(0.2)  # a step in tau
 NEAR_K = 3.0
 LANES = 64  # pixels worked on together
 MOST_ZERO, MOST_NUMBERS = 3, 1e7  # V_j, of a face that has tables; in those tables, about
@@ -239,49 +240,63 @@ def _clenshaw(series, x, b, c):
 @_FUSED
 def _newton(series, x, step, hessian, c):
     """Zero of J', a series (S, LANES), from x (LANES,), in place; the last step, and J'' before it.
-    A pixel stays where it has converged, whatever the others do. In float32, which finds T to a
-    thousandth of its sigma."""
-    size, two = len(series), np.float32(2.0)
-    a, at = np.empty((size, LANES), np.float32), np.empty((3, LANES), np.float32)
+    All steps but the last are in float32, in which a pixel stays where it has converged, whatever
+    the others do."""
+    coarse, at = np.empty((len(series), LANES), np.float32), np.empty((2, LANES), np.float32)
     b, d = np.empty((2, LANES), np.float32), np.empty((2, LANES), np.float32)
-    for i in range(size):
+    own_b, own_d = np.empty((2, LANES)), np.empty((2, LANES))
+    for i in range(len(series)):
         for p in range(c):
-            a[i, p] = series[i, p]
-    x32, move32, flat32 = at[0], at[1], at[2]
+            coarse[i, p] = series[i, p]
     for p in range(c):
-        x32[p], move32[p] = x[p], np.inf
+        at[0, p], at[1, p] = x[p], np.inf
     for _ in range(STEPS):
-        for p in range(c):
-            b[0, p], b[1, p], d[0, p], d[1, p] = 0.0, 0.0, 0.0, 0.0
-        for i in range(size - UNROLLED, -1, -UNROLLED):
-            for p in range(c):  # Clenshaw's rule and its derivative
-                t, b0, b1, d0, d1 = two * x32[p], b[0, p], b[1, p], d[0, p], d[1, p]
-                d1 = two * b0 + (t * d0 - d1)
-                b1 = a[i + 3, p] + (t * b0 - b1)
-                d0 = two * b1 + (t * d1 - d0)
-                b0 = a[i + 2, p] + (t * b1 - b0)
-                d1 = two * b0 + (t * d0 - d1)
-                b1 = a[i + 1, p] + (t * b0 - b1)
-                d[0, p], d[1, p] = two * b1 + (t * d1 - d0), d1
-                b[0, p], b[1, p] = a[i, p] + (t * b1 - b0), b1
+        _derivatives(coarse, at[0], b, d, TWO, c)
         moving = 0
         for p in range(c):
-            # where J bends down: a step that says "not converged"
-            x0, last = x32[p], move32[p]
-            gradient = b[0, p] - x0 * b[1, p]
-            flat = d[0, p] - x0 * d[1, p] - b[1, p]
-            uphill = UPHILL if gradient < 0.0 else -UPHILL
-            move = -gradient / flat if flat > 0.0 else uphill
-            move = min(max(move, -ONE - x0), ONE - x0)
-            there = abs(last) < TOLERANCE
-            flat32[p] = flat32[p] if there else flat
-            x32[p] = x0 if there else x0 + move
-            move32[p] = last if there else move
-            moving += abs(move32[p]) >= TOLERANCE
+            move, _ = _move(b[0, p], b[1, p], d[0, p], d[1, p], at[0, p], UPHILL, ONE)
+            there = abs(at[1, p]) < COARSE
+            at[0, p] = at[0, p] if there else at[0, p] + move
+            at[1, p] = at[1, p] if there else move
+            moving += abs(at[1, p]) >= COARSE
         if moving == 0:
             break
     for p in range(c):
-        x[p], step[p], hessian[p] = x32[p], move32[p], flat32[p]
+        x[p] = at[0, p]
+    _derivatives(series, x, own_b, own_d, 2.0, c)
+    for p in range(c):
+        step[p], hessian[p] = _move(
+            own_b[0, p], own_b[1, p], own_d[0, p], own_d[1, p], x[p], 0.2, 1.0
+        )
+        x[p] += step[p]
+
+
+@_FUSED
+def _derivatives(series, x, b, d, two, c):
+    """In b (2, LANES) Clenshaw's b_0 and b_1 of a series (S, LANES) at x, and in d their
+    derivatives; two is of the same precision."""
+    for p in range(c):
+        b[0, p], b[1, p], d[0, p], d[1, p] = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(series) - UNROLLED, -1, -UNROLLED):
+        for p in range(c):
+            t, b0, b1, d0, d1 = two * x[p], b[0, p], b[1, p], d[0, p], d[1, p]
+            d1 = two * b0 + (t * d0 - d1)
+            b1 = series[i + 3, p] + (t * b0 - b1)
+            d0 = two * b1 + (t * d1 - d0)
+            b0 = series[i + 2, p] + (t * b1 - b0)
+            d1 = two * b0 + (t * d0 - d1)
+            b1 = series[i + 1, p] + (t * b0 - b1)
+            d[0, p], d[1, p] = two * b1 + (t * d1 - d0), d1
+            b[0, p], b[1, p] = series[i, p] + (t * b1 - b0), b1
+
+
+@_FUSED
+def _move(b0, b1, d0, d1, x, uphill, one):
+    """Newton's step from x within -1..1, and J'' there."""
+    gradient, flat = b0 - x * b1, d0 - x * d1 - b1
+    # where J bends down: a step that says "not converged"
+    move = -gradient / flat if flat > 0.0 else (uphill if gradient < 0.0 else -uphill)
+    return min(max(move, -one - x), one - x), flat
 
 
 @_FUSED
