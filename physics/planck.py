@@ -34,9 +34,16 @@ def planck(wavelength_um, temperature_k):
 
 def planck_derivative(wavelength_um, temperature_k):
     """dB/dT in W m-2 sr-1 um-1 K-1."""
+    return planck_and_derivative(wavelength_um, temperature_k)[1]
+
+
+def planck_and_derivative(wavelength_um, temperature_k):
+    """B and dB/dT, in little more time than one of them takes."""
     xp = _namespace(wavelength_um, temperature_k)
     x = C2 / (wavelength_um * temperature_k)
-    return planck(wavelength_um, temperature_k) * x / temperature_k / -xp.expm1(-x)
+    below_1 = -xp.expm1(-x)
+    b = C1 / wavelength_um**5 * xp.exp(-x) / below_1
+    return b, b * x / temperature_k / below_1
 
 
 def brightness_temperature(wavelength_um, spectral_radiance):

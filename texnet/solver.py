@@ -163,8 +163,9 @@ def _maps(radiance, model, local, answer, trust, threads):
 
 def _log_evidence(energy):
     """(P,) of all materials together, of energy (P, L)."""
-    least = energy.min(axis=1)
-    return np.log(np.exp(least[:, None] - energy).sum(axis=1)) - least
+    least = np.minimum(energy.min(axis=1), np.finfo(np.float32).max)  # where nothing can be
+    with np.errstate(divide="ignore"):
+        return np.log(np.exp(least[:, None] - energy).sum(axis=1)) - least
 
 
 def _sigma(each_k, sigmas_k, probability, temperature_k, own_k, residual, other):

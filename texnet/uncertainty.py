@@ -8,7 +8,8 @@ unknown or have a sigma that covers the error, and few others are unknown.
 import numpy as np
 
 from physics.machinery import scratch
-from physics.planck import noise_sigma, planck, planck_derivative
+from physics.machinery.threads import in_threads, usual_threads
+from physics.planck import noise_sigma, planck, planck_and_derivative, planck_derivative
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
@@ -43,7 +44,7 @@ SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
 FOUND_K, SHARE, OFFSET_SHARE = 0.25, 0.7, 0.08
 ROWS = 256  # at once
 LEAST_E = 0.02  # mean emissivity; below it T is not known anyway
-GRID_K = 0.5  # of T, within which the slope of Planck's law changes little
+GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
 
 
 def local_trust(bands):
@@ -122,7 +123,7 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k, emissivit
     """
     if not np.isfinite(temperature).any():
         return sigma
-    t = _grid(temperature)
+    t = np.arange(max(np.nanmin(temperature), 1.0), np.nanmax(temperature) + GRID_K, GRID_K)
     off, slope = noise_sigma(wavelength_um, error_k), planck_derivative(wavelength_um, t[:, None])
     gain = off / planck(wavelength_um, 300.0) * planck(wavelength_um, t[:, None])
     moved = np.maximum((off / slope).mean(axis=1), (gain / slope).mean(axis=1))
@@ -143,33 +144,29 @@ def with_level_error(sigma, maps, library, cube, curve_error=0.0):
     moves T by -de (B - X) / (e B'), though by no more than is known of a scene's T beforehand. Of
     sky it moves none."""
     level = np.where(library.is_sky, 0.0, np.hypot(library.level_sigma, curve_error))
-    if not level.any() or not np.isfinite(maps["temperature_k"]).any():
+    if not level.any():
         return sigma
-    grid = _grid(maps["temperature_k"])
-    slope = planck_derivative(cube.wavelength_um, grid[:, None]) / cube.sigma
-    # (materials, T, bands) e B' / sigma, whose square sums to the Fisher information of T
-    slope = library.of_bands(cube.nodes_um)[:, None] * slope
-    square = np.maximum((slope**2).sum(axis=2), np.finfo(np.float64).tiny)
-    to_moved = slope / cube.sigma * (level[:, None] / square)[..., None]
-    of_glow = (to_moved * planck(cube.wavelength_um, grid[:, None])).sum(axis=2)
-    of_glow, *to_moved = np.float32([of_glow, *np.moveaxis(to_moved, 2, 0)])
+    level, curves = level.astype(np.float32), library.of_bands(cube.nodes_um).astype(np.float32)
+    # of Python's numbers, which leave float32 what it is
+    bands = list(zip(cube.wavelength_um.tolist(), cube.sigma.tolist(), strict=True))
     out = scratch.zeros(sigma.shape, np.float32)
-    for top in range(0, len(sigma), ROWS):
+
+    def work(top):
         part = slice(top, top + ROWS)
         material = maps["material"][part].astype(np.intp)
-        t = np.maximum(np.nan_to_num(maps["temperature_k"][part]), grid[0])
-        at = material * len(grid) + np.rint((t - grid[0]) / GRID_K).astype(np.intp)
-        moved = of_glow.ravel()[at]
-        for of_light, light in zip(to_moved, maps["texture"][:, part], strict=True):
-            moved -= of_light.ravel()[at] * light
-        out[part] = np.hypot(sigma[part], np.minimum(np.abs(moved), MIN_TEMPERATURE_SPREAD_K))
+        t = np.maximum(maps["temperature_k"][part], 1, dtype=np.float32)
+        along, square = np.zeros_like(t), np.full_like(t, np.finfo(np.float32).tiny)
+        for b, (w, noise) in enumerate(bands):
+            glow, slope = planck_and_derivative(w, t)
+            slope *= curves[:, b][material] / noise
+            along += slope * (glow - maps["texture"][b, part]) / noise
+            square += slope**2
+        moved = np.minimum(np.abs(level[material] * along / square), MIN_TEMPERATURE_SPREAD_K)
+        out[part] = np.hypot(sigma[part], np.where(level[material] > 0, moved, 0.0))
         scratch.release(maps["texture"])
+
+    in_threads(work, range(0, len(sigma), ROWS), usual_threads())
     return out
-
-
-def _grid(temperature):
-    """K, from the least to the most of a map of T, and beyond."""
-    return np.arange(max(np.nanmin(temperature), 1.0), np.nanmax(temperature) + GRID_K, GRID_K)
 
 
 def _over_nine(of, padded):

@@ -27,9 +27,9 @@ from numpy.polynomial import chebyshev
 from ..machinery.compiled import compiled
 
 STEPS = 12  # of Newton's method
-# of the last step in tau, and of the last but one: the next would be about its square
-TOLERANCE, COARSE = 1e-4, np.float32(3e-3)
-ONE, TWO, UPHILL = np.float32(1.0), np.float32(2.0), np.float32(0.2)  # a step in tau
+# of the last step in tau, and of the last in float32: the next would be about its square
+TOLERANCE, COARSE = 1e-4, np.float32(3e-4)
+ONE, TWO, UPHILL = np.float32([1.0, 2.0, 0.2])
 NEAR_K = 3.0
 LANES = 64  # pixels worked on together
 MOST_ZERO, MOST_NUMBERS = 3, 1e7  # V_j, of a face that has tables; in those tables, about
@@ -254,7 +254,7 @@ def _newton(series, x, step, hessian, c):
         _derivatives(coarse, at[0], b, d, TWO, c)
         moving = 0
         for p in range(c):
-            move, _ = _move(b[0, p], b[1, p], d[0, p], d[1, p], at[0, p], UPHILL, ONE)
+            move, _ = _move(b[0, p], b[1, p], d[0, p], d[1, p], at[0, p], ONE, UPHILL)
             there = abs(at[1, p]) < COARSE
             at[0, p] = at[0, p] if there else at[0, p] + move
             at[1, p] = at[1, p] if there else move
@@ -266,7 +266,7 @@ def _newton(series, x, step, hessian, c):
     _derivatives(series, x, own_b, own_d, 2.0, c)
     for p in range(c):
         step[p], hessian[p] = _move(
-            own_b[0, p], own_b[1, p], own_d[0, p], own_d[1, p], x[p], 0.2, 1.0
+            own_b[0, p], own_b[1, p], own_d[0, p], own_d[1, p], x[p], 1.0, 0.2
         )
         x[p] += step[p]
 
@@ -274,7 +274,7 @@ def _newton(series, x, step, hessian, c):
 @_FUSED
 def _derivatives(series, x, b, d, two, c):
     """In b (2, LANES) Clenshaw's b_0 and b_1 of a series (S, LANES) at x, and in d their
-    derivatives; two is of the same precision."""
+    derivatives; two is 2, of the same precision."""
     for p in range(c):
         b[0, p], b[1, p], d[0, p], d[1, p] = 0.0, 0.0, 0.0, 0.0
     for i in range(len(series) - UNROLLED, -1, -UNROLLED):
@@ -291,8 +291,9 @@ def _derivatives(series, x, b, d, two, c):
 
 
 @_FUSED
-def _move(b0, b1, d0, d1, x, uphill, one):
-    """Newton's step from x within -1..1, and J'' there."""
+def _move(b0, b1, d0, d1, x, one, uphill):
+    """Newton's step from x within -1..1, and J'' there; one is 1, of the same precision, and so is
+    uphill, how far to go where J bends down."""
     gradient, flat = b0 - x * b1, d0 - x * d1 - b1
     # where J bends down: a step that says "not converged"
     move = -gradient / flat if flat > 0.0 else (uphill if gradient < 0.0 else -uphill)

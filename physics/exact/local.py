@@ -193,7 +193,7 @@ def _solve_block(
     )  # fmt: skip
 
     best, ground = np.full(pixels, np.inf), np.full(pixels, np.inf)  # of all; of what is not sky
-    lead, least = np.zeros(pixels, np.int64), np.full(pixels, np.inf)  # the most promising row
+    lead, least = np.zeros(pixels, np.int64), np.full(pixels, np.inf)  # the most promising try
     for q in range(len(of_try)):
         sky = is_sky[of_try[q]]
         for p in range(pixels):
@@ -323,7 +323,7 @@ def _without_bounds(
 def _put_bounds(
     todo, r, h, constant, gram, tables, n, k, half, weight, mean, value, tau, curvature, v
 ):
-    """Put V's bounds on pixels todo (count,) of hypothesis r; h to v as there, of this r.
+    """Put V's bounds on pixels todo (count,) of a try of hypothesis r; h to v as there, of these.
 
     What is negative leaves the free V_j and what would lower J joins them, until all is well."""
     free, sets, count = tables[0], tables[1], len(todo)

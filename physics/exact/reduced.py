@@ -29,7 +29,8 @@ off move what is not sky along `curve_spread`; the sky's pixels scatter about th
     U = [(1 - alpha)(1 - e_m) [spread', skylight_spread'], (1 - alpha) curve_spread',
          alpha sky_spread', sigma_alpha (S_sky - mean B(T))] / sigma
 
-A mirror is predicted no better than its surroundings are known.
+A mirror is predicted no better than its surroundings are known. Of U's principal axes those in
+which it is less than a tenth of the noise are left out of P.
 
 Hypotheses are compared by evidence, not by residual: with Gaussian priors on T and on V
 of the scale of the scene, the Laplace evidence is
@@ -86,7 +87,7 @@ class ReducedModel:
     project        (bands, R, r) s -> h
     scale          (R, bands) square root of the diagonal part of C's inverse
     deflate        (bands, R, d) s' P s = |scale s|^2 - |deflate' s|^2
-    deviation      (R, bands, d) U
+    deviation      (R, bands, q) U
     gram           (R, r, r) H, with the prior on V on its diagonal
     offset         (R, r) what that prior adds to h
     occam          (R,)
@@ -136,7 +137,7 @@ class ReducedModel:
 
     @cached_property
     def to_deviation(self):
-        """(R, bands, d) U (I + U'U)^-1."""
+        """(R, bands, q) U (I + U'U)^-1: takes what is left of s to the likeliest deviations."""
         u, t = self.deviation, self.deviation.transpose(0, 2, 1)
         return np.linalg.solve(np.eye(u.shape[2]) + t @ u, t).transpose(0, 2, 1)
 
@@ -264,9 +265,9 @@ def _rows(of, series, light, sky_mean, sigma):
 
 
 def _deflation(u):
-    """Of U' (R, q, bands), D' (R, d, bands), for which P = scale (I - D D') scale (Woodbury), zeros
-    at the end, and log det(I + U'U) (R,): along U's principal axes, but those in which it is
-    NEGLIGIBLE."""
+    """D' (R, d, bands), with which P = scale (I - D D') scale (Woodbury), and log det(I + U'U) (R,)
+    of scaled U' (R, q, bands), along its principal axes: the largest first, zeros for those that
+    are NEGLIGIBLE."""
     variance, axes = np.linalg.eigh(u @ u.transpose(0, 2, 1))
     variance, axes = np.maximum(variance[:, ::-1], 0), axes[:, :, ::-1]
     kept = variance > NEGLIGIBLE

@@ -4,6 +4,7 @@ Where an answer looks no farther than the halo, tiling changes nothing but the m
 that of the tiles at work, picture and large maps being in files (`scratch`).
 """
 
+import mmap
 from itertools import pairwise, product
 from threading import Lock
 
@@ -52,15 +53,24 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
                 if name not in maps:
                     maps[name] = scratch.zeros((*map_.shape[:-2], height, width), map_.dtype)
                 maps[name][..., y : y + h, x : x + w] = map_
-                unreleased += map_.nbytes
-            unreleased += tile.nbytes
+            unreleased += sum(map(_of_pages, (tile, *answer.values())))
             if unreleased > scratch.LARGE:  # not each time: a page lies in tiles side by side
-                for whole in (image, *maps.values()):
-                    scratch.release(whole)
+                release()
                 unreleased = 0
 
+    def release():
+        for array in (image, *maps.values()):
+            scratch.release(array)
+
     in_threads(work, tiles, at_once, progress)
+    release()
     return maps
+
+
+def _of_pages(part):
+    """Bytes of the pages that a part of an array, (..., h, w), lies in, at most about."""
+    rows = part.size // part.shape[-1]
+    return part.nbytes + rows * mmap.PAGESIZE
 
 
 def tile_size(height, width, halo, pixels, multiple=1, at_once=1):
