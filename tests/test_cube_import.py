@@ -771,6 +771,7 @@ def test_a_width_is_stated_once_and_of_bands_in_nm_in_um(tmp_path, capfd):
     # a heat cube whose bands were taken as narrow
     write_cube(HeatCube(S[::-1], W[::-1]), tmp_path / "narrow.npz")
     assert (import_cube(tmp_path / "narrow.npz", fwhm=0.3)[0].fwhm_um == 0.3).all()
+    assert "taken as narrow" in import_cube(tmp_path / "narrow.npz")[1]
 
 
 @pytest.mark.parametrize("axes, right", [((0, 1, 2), True), ((1, 2, 0), False), ((1, 0, 2), False)])
@@ -852,6 +853,8 @@ def test_what_has_no_measurement_can_be_cut_off(tmp_path, capfd, in_parts):
     words = ["import", path, "--out", out, *FLAGS, "--columns", "1:"]
     assert main([str(word) for word in words]) == 0
     said = capfd.readouterr().out
+    cut, note = import_cube(path, "W/m2/sr/um", columns=slice(1, None, 2))
+    assert cut.shape[1] == 2 and "columns 1 to 3 in steps of 2 of 0 to 3" in note
     assert "columns 1 to 3 of 0 to 3" in said and "1 band left out that the file calls bad" in said
     check_same(read_cube(out), np.delete(S, 2, 0)[:, :, 1:], np.delete(W, 2))
 

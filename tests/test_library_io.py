@@ -149,6 +149,9 @@ def test_the_starter_librarys_sky_is_added_when_asked_for(tmp_path):
     assert np.diff([*hue, hue[0] + 360]).min() > 8  # evenly they would be 17 apart
     with pytest.raises(InputError, match="leave out --add-sky"):
         import_library(path, sky="rock0", add_sky=True)
+    write_csv(path, "wavenumber_cm1", nu, np.full((2, 30), 0.9), ["Sky", "rock"])
+    with pytest.raises(InputError, match="Then give --sky Sky"):
+        import_library(path, add_sky=True)
 
 
 def test_a_library_of_our_own_kind_gets_a_sky_and_stays_as_it_is(tmp_path):

@@ -33,6 +33,12 @@ def answer():
     return made_up.perfect(made_up.truth())
 
 
+@pytest.mark.parametrize("show", [tex_vision, lambda what: write_decomposition(what, "none")])
+def test_what_is_no_answer_has_no_picture(show):
+    with pytest.raises(InputError, match="must be what texnet.decompose returns, got NoneType"):
+        show(None)
+
+
 def test_the_picture_is_rgb_bytes(answer):
     picture = tex_vision(answer)
     assert picture.shape == (*answer.material.shape, 3) and picture.dtype == np.uint8

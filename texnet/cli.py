@@ -43,7 +43,7 @@ def main(argv=None):
             stream.reconfigure(errors="backslashreplace")
     args = None
     try:
-        args = _parser().parse_args(argv)
+        args = _parsed(argv)
         text, result = args.run(args)
         _say(text, *([json.dumps(_plain(result), allow_nan=False)] if args.json else []))
     except (InputError, OSError) as e:
@@ -74,13 +74,22 @@ def _end(number, _):
     sys.exit(128 + number)
 
 
+def _parsed(argv):
+    try:
+        return _parser().parse_args(argv)
+    except SystemExit:  # after --help or --version
+        _say()
+        raise
+
+
 def _say(*lines):
     try:
-        print(*lines, sep="\n", flush=True)  # at exit nobody would hear what it raises
+        # at exit nobody would hear what it raises
+        print(*lines, sep="\n", end="\n" if lines else "", flush=True)
     except OSError as e:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # takes what is left of it at exit
         if not isinstance(e, BrokenPipeError):  # the reader, such as head, has seen enough
-            raise
+            raise InputError(f"cannot write to the standard output: {e.strerror}.") from e
 
 
 def _plain(value):
@@ -108,7 +117,7 @@ class _Version(argparse.Action):
     def __call__(self, parser, *_):
         from importlib.metadata import version  # slow to look up, so only when asked
 
-        print(f"texnet {version('texnet')}")
+        _say(f"texnet {version('texnet')}")
         parser.exit()
 
 

@@ -131,7 +131,7 @@ def _of_answer(d, cube):
     share = np.bincount(d.material[seen], minlength=len(d.material_names)) / np.count_nonzero(seen)
     materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
     return {
-        "bands": cube.bands, "size": cube.shape,
+        "bands": cube.bands, "bands_narrow": not cube.fwhm_um.any(), "size": cube.shape,
         "netd_stated_k": cube.netd_k, "camera_netd_k": d.camera_netd_k, "netd_k": d.netd_k,
         "noise_raised": d.noise_raised,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
@@ -342,7 +342,8 @@ def _summary(r):
     shown = [(name, share) for name, share in shares if share >= 0.005][:6] or shares[:1]
     lines = [
         f"Cube         {r['size'][0]} x {r['size'][1]} pixels, "
-        f"{r['bands']} band{'s' * (r['bands'] > 1)}, {_netd(r)}",
+        f"{r['bands']} band{'s' * (r['bands'] > 1)}"
+        f"{' (taken as narrow: no widths are stated)' * r['bands_narrow']}, {_netd(r)}",
         *_corrections(r),
         *_of_objects(r["k"], r["k_chosen"], r["environment"], r["bands"]),
         *_of_sky(r),

@@ -26,7 +26,7 @@ from physics.machinery.whole_file import check_writable
 
 from .figures import comparison_figure, maps_figure, own_style
 from .files.exr_file import check_exr_name, write_exr
-from .vision import tex_vision
+from .vision import check_decomposition, tex_vision
 
 PREFIX = ".texnet-"  # of the hidden folder in which files are made
 FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr")
@@ -68,8 +68,9 @@ def write_decomposition(decomposition, directory, pictures=None, truth=None):
     Returns {"decomposition": path, "tex_vision": ..., "maps": ..., "comparison": ...,
     "maps_exr": ...}. All files are made in a hidden neighbour first, so that a failure or
     Ctrl-C while they are made leaves an older answer as it was. Raises InputError if directory
-    is a file.
+    is a file, or the decomposition none.
     """
+    check_decomposition(decomposition)
     directory = Path(directory)
     check_directory(directory)
     # beside it, or in it where it may be a disk of its own

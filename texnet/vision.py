@@ -5,12 +5,16 @@ sky alone lights, as the paper's Sec. 3 has it. Colours mean materials; they are
 pseudo-colours.
 """
 
+from dataclasses import fields
+
 import numpy as np
 from matplotlib.colors import hsv_to_rgb
 
 from physics.cube.dead_pixels import gaps
+from physics.errors import InputError
 
 from .metrics import non_sky
+from .pipeline import Decomposition
 from .stretch import stretch
 
 SATURATION = (0.25, 0.75)  # coldest to warmest; never grey, or the hue would not show
@@ -27,8 +31,9 @@ def tex_vision(decomposition):
     value       sky-lit texture, 1st to 99th percentile of the same -> 0.15..1, gamma 0.8
 
     The sky is evenly pale and bright: what an answer holds there is of what may stand before it.
-    Areas in which nothing was measured are black.
+    Areas in which nothing was measured are black. Raises InputError for what is none.
     """
+    check_decomposition(decomposition)
     d = decomposition
     ground = non_sky(d)
     seen = ground & ~d.dead
@@ -44,6 +49,15 @@ def tex_vision(decomposition):
     )
     hsv[gaps(d.dead), 2] = 0
     return np.rint(255 * hsv_to_rgb(hsv)).astype(np.uint8)
+
+
+def check_decomposition(decomposition):
+    """Raise InputError if it has not what one has."""
+    if not all(hasattr(decomposition, field.name) for field in fields(Decomposition)):
+        raise InputError(
+            "decomposition: it must be what texnet.decompose returns, got "
+            f"{type(decomposition).__name__}."
+        )
 
 
 def _between(ends, unit):

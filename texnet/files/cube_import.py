@@ -184,9 +184,10 @@ def _with_width(raw, path, fwhm):
 def _read_ours(path):
     """A RawCube of what is a heat cube already, of which a part may be wanted."""
     cube = read_cube(path)
-    measured = cube.measured()
+    measured, stated = cube.measured(), cube.fwhm_um.any()
     return RawCube(
-        HEAT_CUBE, lambda: measured, cube.wavelength_um, cube.fwhm_um, unit=OUR_UNIT,
+        HEAT_CUBE, lambda: measured, cube.wavelength_um, cube.fwhm_um if stated else None,
+        unit=OUR_UNIT,
         netd_k=cube.netd_k, response=cube.response,
     )  # fmt: skip
 
@@ -243,6 +244,10 @@ def _in_order(arrays):
     return ordered and (width is None or width.shape == w.shape)
 
 
+# of axes that may be either
+OTHERWISE = "; leave out a row, or save it as .npz, as radiance, bands first, and wavelength_um"
+
+
 def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
     """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
     its cube, by one of the names cubes; of our own layout bands come first where they may."""
@@ -266,7 +271,8 @@ def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
         both = s is not None and s.ndim == 3 and s.shape[0] == w.size
         raise InputError(
             f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) "
-            f"{'may be' if both else 'are not'} either its first axis or its last."
+            f"{'may be' if both else 'are not'} either its first axis or its last"
+            f"{both * OTHERWISE}."
         )
     width, netd = _first(WIDTH, arrays), _known(NETD, arrays, path)
     fwhm = _known(width, arrays, path)

@@ -80,6 +80,8 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     library = replace(library, names=names)
     if add_sky and SKY in names:
         raise InputError(f"library: it has a material {SKY!r} already; leave out --add-sky.")
+    if add_sky and (alike := [n for n in names if n.lower() == SKY]):
+        raise InputError(f"library: is {alike[0]!r} the sky? Then give --sky {alike[0]}.")
     if add_sky:
         library = with_sky(library)
         low, high = library.wavelength_um[[0, -1]]

@@ -96,7 +96,8 @@ def part_of(raw, rows=None, columns=None, range_um=None):
                 raise InputError(
                     f"cube: it has no {what} {_said(part)}, but 0:{n}; FROM must be less than TO."
                 )
-            words.append(f"{what} {at[0]} to {at[-1]} of 0 to {n - 1}")
+            every = f" in steps of {at.step}" * (at.step != 1)
+            words.append(f"{what} {at[0]} to {at[-1]}{every} of 0 to {n - 1}")
     if rows is not None or columns is not None:
         of_file, cut = raw.numbers, (slice(None), rows or slice(None), columns or slice(None))
         raw = raw._replace(numbers=lambda: of_file()[cut])
