@@ -15,6 +15,7 @@ from .threads import in_threads
 
 TILE_BYTES = 3e8  # about what the work on all tiles at hand may take; in ONNX Runtime, on two
 MOST_AT_ONCE = 8  # tiles; for more, memory is scarcer than cores
+UNRELEASED = 4  # times LARGE, of pages
 TILE_PIXELS = 300  # what a tile costs beside its pixels, as a number of them
 
 
@@ -54,7 +55,8 @@ def run_tiled(run, image, halo, pixels, progress=None, multiple=1, at_once=1, cu
                     maps[name] = scratch.zeros((*map_.shape[:-2], height, width), map_.dtype)
                 maps[name][..., y : y + h, x : x + w] = map_
             unreleased += sum(map(_of_pages, (tile, *answer.values())))
-            if unreleased > scratch.LARGE:  # not each time: a page lies in tiles side by side
+            # not each time: a page lies in tiles side by side
+            if unreleased > UNRELEASED * scratch.LARGE:
                 release()
                 unreleased = 0
 
