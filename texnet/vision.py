@@ -5,8 +5,6 @@ sky alone lights, as the paper's Sec. 3 has it. Colours mean materials; they are
 pseudo-colours.
 """
 
-from dataclasses import fields
-
 import numpy as np
 from matplotlib.colors import hsv_to_rgb
 
@@ -14,7 +12,6 @@ from physics.cube.dead_pixels import gaps
 from physics.errors import InputError
 
 from .metrics import non_sky
-from .pipeline import Decomposition
 from .stretch import stretch
 
 SATURATION = (0.25, 0.75)  # coldest to warmest; never grey, or the hue would not show
@@ -52,8 +49,8 @@ def tex_vision(decomposition):
 
 
 def check_decomposition(decomposition):
-    """Raise InputError if it has not what one has."""
-    if not all(hasattr(decomposition, field.name) for field in fields(Decomposition)):
+    """Raise InputError for what has no map of materials, as a cube has none."""
+    if not hasattr(decomposition, "material_names"):
         raise InputError(
             "decomposition: it must be what texnet.decompose returns, got "
             f"{type(decomposition).__name__}."
