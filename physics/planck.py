@@ -38,12 +38,11 @@ def planck_derivative(wavelength_um, temperature_k):
 
 
 def planck_and_derivative(wavelength_um, temperature_k):
-    """B and dB/dT, in little more time than one of them takes."""
+    """B and dB/dT, in no more time than the latter takes."""
     xp = _namespace(wavelength_um, temperature_k)
     x = C2 / (wavelength_um * temperature_k)
-    below_1 = -xp.expm1(-x)
-    b = C1 / wavelength_um**5 * xp.exp(-x) / below_1
-    return b, b * x / temperature_k / below_1
+    b = planck(wavelength_um, temperature_k)
+    return b, b * x / temperature_k / -xp.expm1(-x)
 
 
 def brightness_temperature(wavelength_um, spectral_radiance):
