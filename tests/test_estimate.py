@@ -1,5 +1,6 @@
 """The environment from path-traced cubes, whose light no k objects made; and distillation."""
 
+import functools
 import json
 from dataclasses import replace
 from itertools import product
@@ -14,8 +15,8 @@ from physics.bands import equidistant_bands, quadrature
 from physics.estimate import Sample, _principal, completed, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
-from physics.planck import brightness_temperature, noise_sigma, planck
-from physics.simulator import simulate
+from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
+from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.scene_file import load_scene
 from physics.sky import Atmosphere, sky_radiance
@@ -213,6 +214,11 @@ def test_a_facade_is_no_sky(name, bands, air_k, water_cm):
     assert not estimate_environment(cube, LIBRARY).sky
 
 
+@functools.cache
+def traced_patches():
+    return trace_scene(preset("patches"), (48, 72), 16, 0, LIBRARY)
+
+
 @pytest.mark.parametrize("bands", [1, 2, 3, 9, 24])
 def test_no_sky_indoors(bands):
     cube, _ = traced("room", bands, spp=8)
@@ -250,6 +256,42 @@ def test_what_mirrors_the_sky_below_is_no_sky():
     e = estimate_environment(
         HeatCube(upside_down, cube.wavelength_um, cube.fwhm_um, cube.netd_k), LIBRARY
     )
+    assert e.sky == () and e.sky_mean is None
+
+
+@pytest.mark.parametrize("bands", [4, 9, 54])
+def test_sky_between_leaves_is_told_by_how_it_warms_downwards(bands):
+    """No ground lies below it; upside down, or in rows of any order, it might be metal."""
+    cube, truth = traced("forest", bands, (72, 108))
+    leaves, sky = cube.radiance[:, :24], names_of(truth)[:24] == "sky"
+    assert 0.2 < sky.mean() < 0.6 and 0.3 < np.argwhere(sky)[:, 0].mean() / 24 < 0.5
+    shuffled = np.random.default_rng(0).permutation(24)
+    for rows, found in (np.arange(24), 0.8), (np.arange(24)[::-1], 0), (shuffled, 0):
+        part = HeatCube(leaves[:, rows], cube.wavelength_um, cube.fwhm_um, cube.netd_k)
+        sample = Sample(part, LIBRARY)
+        assert sample.sky.sum() >= found * sky.sum() and sample.sky.any() == bool(found)
+        e = sample.environment(5)
+        if found:
+            clear, true = e.sky_mean, leaves[:, sky].mean(axis=1)
+            per_kelvin = planck_derivative(cube.wavelength_um, 300.0)
+            np.testing.assert_allclose(clear / per_kelvin, true / per_kelvin, atol=4)
+        assert bool(e.sky) == bool(found)
+
+
+@pytest.mark.parametrize("metal", METALS)
+@pytest.mark.parametrize("bands", [4, 9, 54])
+def test_plates_of_metal_on_the_ground_are_no_sky(bands, metal):
+    """Though they mirror it, and lie rather in the picture's upper half."""
+    scene, (w, fwhm) = traced_patches(), equidistant_bands(bands)
+    names = names_of(scene.shade(LIBRARY, w, fwhm)[1])
+    ground = np.flatnonzero((names == "sky").any(axis=1)).max() + 1
+    kinds, count = np.unique(names[ground:], return_counts=True)
+    common = str(kinds[count.argmax()])
+    materials = {name: metal if name == common else name for name in scene.materials}
+    cube, truth = scene.shade(LIBRARY, w, fwhm, 0.05, materials=materials)
+    plates = np.argwhere(names_of(truth)[ground:] == metal)[:, 0] / (48 - ground)
+    assert len(plates) > 500 and plates.mean() < 0.45
+    e = estimate_environment(HeatCube(cube.radiance[:, ground:], w, fwhm, 0.05), LIBRARY)
     assert e.sky == () and e.sky_mean is None
 
 
