@@ -133,18 +133,19 @@ class Sample:
         were measured. Raises InputError for a wrong k, or more objects than pixels."""
         if not isinstance(k, (int, np.integer)) or k < 1:
             raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
-        pixels = self.cube.measured_count + self.hot.shape[1]
-        if skies is None and k > pixels:
+        cube, spectra, sky = self.cube, self.spectra, self.sky
+        pixels = cube.measured_count + self.hot.shape[1]
+        assumed = assume_sky and k > 1 and self.library.sky_index is not None and not sky.any()
+        if skies is None and k - assumed > pixels:
             raise InputError(
                 f"environment: k = {k} objects need at least {k} pixels, got {pixels}."
             )
-        cube, spectra, sky = self.cube, self.spectra, self.sky
         deviations, error_k, within = np.zeros((0, cube.bands)), ERROR_K, None
         if skies is not None:
             skies = skies / cube.sigma
         elif sky.any() and k > 1:
             skies, deviations, within = self._skies_overhead(k)
-        elif assume_sky and k > 1 and self.library.sky_index is not None:
+        elif assumed:
             skies, deviations, within = self._assumed_sky()
             error_k = ASSUMED_ERROR_K
         else:

@@ -39,7 +39,8 @@ def supported_count(sample, assume_sky=False):
     if assume_sky and not in_view and len(solid) > 1:
         library = library.subset([library.names[i] for i in solid])
     least = UNDER_SKY if in_view else 2 if assume_sky else 1
-    for k in range(min(least, pixels), min(MOST_OBJECTS, pixels) + 1):
+    most = min(MOST_OBJECTS, pixels + (assume_sky and not in_view))
+    for k in range(min(least, most), most + 1):
         found[k] = free_energy(cube, library, sample.environment(k, assume_sky), spectra)
         best = min(found, key=lambda k: found[k].mean())
         if k - best >= PATIENCE:

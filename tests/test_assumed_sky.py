@@ -40,6 +40,36 @@ def test_ground_alone_is_explained_by_a_usual_sky(name, bands, method):
     assert (np.abs(d.temperature_k - t) < 2 * d.temperature_sigma_k).mean() > 0.9
 
 
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+@pytest.mark.parametrize("size", [1, 2, 6])
+def test_a_few_pixels_are_enough(size, method):
+    """Or one: what it is shows in the sky that it mirrors."""
+    found = []
+    for name in ("forest", "street"):
+        cube, names, t, _ = below_the_sky(name, 54)
+        rng = np.random.default_rng(0)
+        for row, column in rng.integers([n - size + 1 for n in cube.shape], size=(8, 2)):
+            part = slice(row, row + size), slice(column, column + size)
+            small = HeatCube(cube.radiance[:, *part], cube.wavelength_um, cube.fwhm_um, 0.05)
+            d = decompose(small, method=method)
+            is_right = names_of(d) == names[part]
+            off = np.abs(d.temperature_k - t[part]).mean()
+            found.append((d.sky_assumed, is_right.mean(), (~is_right & ~d.unknown).mean(), off))
+    assumed, is_right, wrong, _ = np.mean(found, axis=0)
+    assert assumed > 0.8 and is_right > 0.6 and wrong < 0.2
+    assert np.median([off for *_, off in found]) < 0.5  # without a sky, 1.2 K and more
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+def test_a_single_pixel_of_a_room_is_not_taken_for_something_else(method):
+    cube, truth = traced("room", 54)
+    pixels = cube.radiance.reshape(cube.bands, -1)
+    for i in np.random.default_rng(0).integers(pixels.shape[1], size=8):
+        one = HeatCube(pixels[:, i, None, None], cube.wavelength_um, cube.fwhm_um, 0.05)
+        d = decompose(one, method=method)
+        assert d.unknown.all() or names_of(d).item() == names_of(truth).flat[i]
+
+
 @pytest.mark.parametrize(
     ("material", "bands", "method"),
     [*product(("sand",), (54, 18), ("net+sgd", "local")),

@@ -169,7 +169,8 @@ def _surroundings(ready, split, k, seed, how, lap, progress):
     lap("environment")
     if environment.sky:
         return environment, objects, False
-    assumed, least, under = False, 1, sample.environment(objects, assume_sky=True)
+    with_sky = max(objects, 2) if counting else objects  # and what one pixel shows
+    assumed, least, under = False, 1, sample.environment(with_sky, assume_sky=True)
     if under.sky:
         # what is not seen of a missing sky would look like wrong wavelengths
         without = calibration(split.cold, environment, **how, moved=True)

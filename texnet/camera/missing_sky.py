@@ -12,6 +12,7 @@ from .one_error import losses
 from .pixels import SampledPixels, sample
 
 SKY_WORTH = 1.0  # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less
+LEAST_PIXELS = 1  # a surface and what it mirrors are told apart in one
 
 
 def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_out=None):
@@ -21,7 +22,7 @@ def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_ou
 
     Mirrors do not count: they may be of anything, even of themselves, as an object that was found
     in the picture has their very spectrum."""
-    part = sample(cube, left_out)
+    part = sample(cube, left_out, LEAST_PIXELS)
     if part is None:
         return False
     look, found = looks(), found._replace(noise=1.0, misfit=1.0, shared=0.0, curves=0.0)

@@ -130,10 +130,10 @@ class SampledPixels:
         return left
 
 
-def sample(cube, left_out=None):
+def sample(cube, left_out=None, least=LEAST_PIXELS):
     """A HeatCube of about SAMPLES of its pixels, in rows and columns; row by row without those that
-    are left out, (height, width) bool. None where too few bands or pixels are there to say
-    anything."""
+    are left out, (height, width) bool. None where there are fewer than LEAST_BANDS, or pixels than
+    so many, at least: too few to say anything."""
     if cube.bands < LEAST_BANDS:
         return None
     height, width = cube.shape
@@ -147,7 +147,7 @@ def sample(cube, left_out=None):
     radiance = np.stack([band[::down, ::across] for band in bands])
     good = good[::down, ::across]
     there = np.flatnonzero(good)
-    if there.size < LEAST_PIXELS:
+    if there.size < least:
         return None
     if there.size < good.size:
         columns = min(good.shape[1], there.size)
