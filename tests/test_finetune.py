@@ -1,12 +1,15 @@
 """Fine-tuning and training at toy size: what they promise, not how good they are."""
 
 import json
+import multiprocessing
 import os
 import resource
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -215,10 +218,22 @@ def test_a_worker_that_dies_is_said_in_words(tmp_path, monkeypatch):
                 raise RuntimeError("Please call iter(combined_loader) first.")
 
         monkeypatch.setattr(train_module.lightning.Trainer, "fit", stumble)
-        monkeypatch.setattr(train_module, "Loader", lambda *_: None)
+        monkeypatch.setattr(train_module, "Loader", lambda *_: SimpleNamespace(close=int))
         wanted = (InputError, "a worker died") if told else (RuntimeError, "combined_loader")
         with pytest.raises(wanted[0], match=wanted[1]):
             fit(None, None, None, tmp_path, epochs=1)
+
+
+def test_nothing_of_a_loader_is_left_when_it_is_closed(monkeypatch):
+    """Neither a worker nor a thread, which the end of all would break off at its last tasks."""
+    monkeypatch.setattr(train_module, "WORKERS", 2)
+    before = set(threading.enumerate())
+    loader = train_module.Loader(["a", "b", "c"], range(3))
+    draws = iter(loader)
+    assert next(draws) == "a"
+    assert set(threading.enumerate()) > before and len(multiprocessing.active_children()) == 2
+    loader.close()
+    assert set(threading.enumerate()) == before and not multiprocessing.active_children()
 
 
 def test_a_checkpoint_on_a_full_disk_is_an_oserror(tmp_path):

@@ -10,6 +10,7 @@ import logging
 import os
 import re
 import signal
+import threading
 import time
 import warnings
 from importlib.metadata import version
@@ -47,6 +48,7 @@ PER_EPOCH = 320  # draws between two checkpoints
 SCENES, VALIDATION_SCENES, EPOCHS = 1600, 40, 60
 VALIDATION_SEED = 7
 WORKERS = usual_threads()  # processes that make draws
+FAREWELL_S = 5.0  # for a thread of theirs to end
 
 
 def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", progress=None):
@@ -232,6 +234,15 @@ class Loader(DataLoader):
         with deaf_to_ctrl_c():
             return super().__iter__()
 
+    def close(self):
+        """End the workers, and wait for the threads that spoke to them: one that the interpreter's
+        end breaks off as it frees a semaphore leaves a warning that it leaked."""
+        if self._iterator is not None:
+            self._iterator._shutdown_workers()
+        for thread in threading.enumerate():
+            if thread.name == "QueueFeederThread":
+                thread.join(FAREWELL_S)
+
 
 def _as_worker(_):
     threadpool_limits(1)  # more would wait for each other
@@ -274,12 +285,10 @@ def fit(
     )  # fmt: skip
     listening, threads = signal.getsignal(signal.SIGINT), torch.get_num_threads()
     torch.set_num_threads(1)  # the cores make draws, and what waits for one of them spins
+    loaders = [Loader(draws, order)]
+    loaders += [] if validation is None else [Loader(validation, range(len(validation)))]
     try:
-        trainer.fit(
-            module, Loader(draws, order),
-            None if validation is None else Loader(validation, range(len(validation))),
-            ckpt_path=last if last.exists() else None, weights_only=True,
-        )  # fmt: skip
+        trainer.fit(module, *loaders, ckpt_path=last if last.exists() else None, weights_only=True)
     except InputError as e:  # of a worker, with all that led to it; its own words end it
         raise InputError(str(e).rpartition(f"{type(e).__name__}: ")[2].strip()) from e
     except torch.OutOfMemoryError as e:
@@ -298,6 +307,8 @@ def fit(
         signal.signal(signal.SIGINT, listening)
         raise KeyboardInterrupt from None
     finally:
+        for loader in loaders:
+            loader.close()
         torch.set_num_threads(threads)
         torch.use_deterministic_algorithms(orderly)
     return module.metrics
