@@ -65,8 +65,8 @@ def estimate_environment(cube, library, k=USUAL_OBJECTS, seed=0, assume_sky=Fals
     assume_sky  whether a usual sky is one of the objects, if k is 2 or more and the library has a
              sky, where none is in view
 
-    Raises InputError for a wrong k, more objects than pixels, or a band without light
-    (`cube.bad_bands` leaves such bands out).
+    Raises InputError for a wrong k, more objects than pixels (a sky that is assumed needs none),
+    or a band without light (`cube.bad_bands` leaves such bands out).
     """
     return Sample(cube, library, seed).environment(k, assume_sky)
 
@@ -128,17 +128,24 @@ class Sample:
         of = self.cube, library, self.spectra, pick, self.row, seed
         self.sky, self.inner = sky_in_view(*of)
 
+    @property
+    def may_assume_sky(self):
+        """Whether one can be: the library has a sky, of which there is none in view."""
+        return self.library.sky_index is not None and not self.sky.any()
+
     def environment(self, k, assume_sky=False, skies=None):
         """Environment of k objects by K-means, those of the sky first: skies (n, bands), if they
-        were measured. Raises InputError for a wrong k, or more objects than pixels."""
+        were measured. Raises InputError for a wrong k, or more objects than pixels (a sky that is
+        assumed needs none)."""
         if not isinstance(k, (int, np.integer)) or k < 1:
             raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
         cube, spectra, sky = self.cube, self.spectra, self.sky
         pixels = cube.measured_count + self.hot.shape[1]
-        assumed = assume_sky and k > 1 and self.library.sky_index is not None and not sky.any()
+        assumed = assume_sky and k > 1 and self.may_assume_sky
         if skies is None and k - assumed > pixels:
             raise InputError(
-                f"environment: k = {k} objects need at least {k} pixels, got {pixels}."
+                f"environment: k = {k} objects{', a sky among them,' if assumed else ''} need at "
+                f"least {k - assumed} pixels, got {pixels}."
             )
         deviations, error_k, within = np.zeros((0, cube.bands)), ERROR_K, None
         if skies is not None:

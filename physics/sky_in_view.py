@@ -12,7 +12,7 @@ Twelve K-means clusters of the spectra, each by its mean. A cluster is sky if
 4. it is in no band colder than sky above it (metal mirrors the clear sky overhead);
 5. it lies in the picture's upper half (a car's bonnet mirrors the sky, but from below), and all
    such clusters together well above the rest; or, as where there are but leaves before the sky, the
-   coldest of all such pixels warm up steadily from the top down, as the sky does and nothing that
+   coldest of all such pixels warm up steadily from the top down, as the sky does and seldom what
    mirrors it.
 
 Spectra are in units of the noise; misfits in K at 300 K.
@@ -104,20 +104,20 @@ def _sky_clusters(cube, library, spectra, pick, row, seed):
         high = np.where(height > lowest, 0.0, missing)
         of_sky = high > max(least, MISSING_RATIO * high.max())
         sky = of_sky[fit.labels_]
-        if not row.any() or _lies_above(sky, row):
+        if _lies_above(sky, row):
             return fit, of_sky
     return fit, np.zeros_like(of_sky)
 
 
 def _lies_above(sky, row):
     """Whether what is sky, (n,) bool, lies well above the rest, if any is."""
-    # rows are a half in the mean, those of hot pixels, which are not here, included
+    # many rows are a half in the mean, those of hot pixels, which are not here, included
     return not sky.any() or 0.5 - row[sky].mean() >= ABOVE * (1 - sky.mean())
 
 
 def _warms_downwards(cube, spectra, row):
     """Whether the coldest of spectra (n, bands) in rows (n,) warm up steadily from the top down."""
-    if len(row) < ENOUGH:
+    if len(row) < ENOUGH or len(np.unique(row)) < PARTS:
         return False
     kelvin = brightness_temperature(cube.wavelength_um, spectra * cube.sigma)
     kelvin = kelvin[:, kelvin.mean(axis=0).argmin()]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from traced import names_of, one_thread, right, said, traced  # noqa: F401
 
-from physics import Environment, HeatCube, MaterialLibrary
+from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import band_means, equidistant_bands, quadrature
 from physics.estimate import estimate_environment
 from physics.planck import noise_sigma, planck
@@ -60,14 +60,34 @@ def test_a_few_pixels_are_enough(size, method):
     assert np.median([off for *_, off in found]) < 0.5  # without a sky, 1.2 K and more
 
 
+def pixel(cube, i):
+    spectrum = cube.radiance.reshape(cube.bands, -1)[:, i, None, None]
+    return HeatCube(spectrum, cube.wavelength_um, cube.fwhm_um, 0.05)
+
+
 @pytest.mark.parametrize("method", ["net+sgd", "local"])
 def test_a_single_pixel_of_a_room_is_not_taken_for_something_else(method):
-    cube, truth = traced("room", 54)
-    pixels = cube.radiance.reshape(cube.bands, -1)
-    for i in np.random.default_rng(0).integers(pixels.shape[1], size=8):
-        one = HeatCube(pixels[:, i, None, None], cube.wavelength_um, cube.fwhm_um, 0.05)
-        d = decompose(one, method=method)
+    (cube, truth), assumed = traced("room", 54), []
+    for i in np.random.default_rng(0).integers(truth.material.size, size=12):
+        d = decompose(pixel(cube, i), method=method)
         assert d.unknown.all() or names_of(d).item() == names_of(truth).flat[i]
+        assumed.append(d.sky_assumed)
+    assert np.mean(assumed) < 0.3
+
+
+def test_a_single_pixel_may_be_sky_or_of_a_library_without_one():
+    cube, truth = traced("forest", 54)
+    i = np.flatnonzero(names_of(truth) == "sky")[0]
+    d = decompose(pixel(cube, i))
+    assert names_of(d).item() == "sky" and not d.unknown.any()
+    ground = pixel(cube, np.flatnonzero(names_of(truth) == "grass")[0])
+    none = LIBRARY.subset([n for n in LIBRARY.names if n != "sky"])
+    assert not decompose(ground, none).sky_assumed
+    assert len(decompose(ground, k=2).environment) == 2  # one of them being the sky
+    with pytest.raises(InputError, match="k = 2 objects need at least 2 pixels, got 1"):
+        decompose(ground, none, k=2)
+    with pytest.raises(InputError, match="k = 3 .* a sky among them, need at least 2 pixels"):
+        decompose(ground, k=3)
 
 
 @pytest.mark.parametrize(

@@ -295,6 +295,19 @@ def test_plates_of_metal_on_the_ground_are_no_sky(bands, metal):
     assert e.sky == () and e.sky_mean is None
 
 
+@pytest.mark.parametrize("row", [10, 14, 18])
+def test_a_row_of_metal_is_no_sky(row):
+    """What differs along a row says nothing of how it warms downwards."""
+    scene, (w, fwhm) = traced_patches(), equidistant_bands(9)
+    cube, truth = scene.shade(LIBRARY, w, fwhm, 0.05)
+    top = np.flatnonzero((names_of(truth) == "sky").any(axis=1)).max() + 1
+    ground = cube.radiance[:, top:].copy()
+    v = np.linspace(0.5, 1, cube.shape[1])
+    sky = cube.radiance[:, names_of(truth) == "sky"].min(axis=1)
+    ground[:, row] = sky[:, None] * v + planck(w, 285)[:, None] * (1 - v)
+    assert not Sample(HeatCube(ground, w, fwhm, 0.05), LIBRARY).sky.any()
+
+
 def plain(shape, material, kelvin, **more):
     return dict(mesh=shape, material=material, temperature_k=kelvin, **more)
 

@@ -162,14 +162,16 @@ def _surroundings(ready, split, k, seed, how, lap, progress):
             return supported_count(sample, assume_sky)
 
     counting = k in (None, "auto")
-    objects = min(USUAL_OBJECTS, ready.cube.measured_count) if counting else k
+    pixels = ready.cube.measured_count
+    objects = min(USUAL_OBJECTS, pixels) if counting else k
     if sample.sky.any() and k == "auto":
         objects = supported()
-    environment = sample.environment(objects)
+    # a sky that is assumed takes no pixel
+    environment = sample.environment(min(objects, pixels) if sample.may_assume_sky else objects)
     lap("environment")
     if environment.sky:
         return environment, objects, False
-    with_sky = max(objects, 2) if counting else objects  # and what one pixel shows
+    with_sky = max(objects, 2) if counting and sample.may_assume_sky else objects
     assumed, least, under = False, 1, sample.environment(with_sky, assume_sky=True)
     if under.sky:
         # what is not seen of a missing sky would look like wrong wavelengths

@@ -229,6 +229,7 @@ class Loader(DataLoader):
             data, batch_size=None, sampler=order, num_workers=WORKERS,
             worker_init_fn=_as_worker, **several,
         )  # fmt: skip
+        self.threads = set(threading.enumerate())  # of others
 
     def __iter__(self):
         with deaf_to_ctrl_c():
@@ -239,7 +240,7 @@ class Loader(DataLoader):
         end breaks off as it frees a semaphore leaves a warning that it leaked."""
         if self._iterator is not None:
             self._iterator._shutdown_workers()
-        for thread in threading.enumerate():
+        for thread in set(threading.enumerate()) - self.threads:
             if thread.name == "QueueFeederThread":
                 thread.join(FAREWELL_S)
 
@@ -307,10 +308,10 @@ def fit(
         signal.signal(signal.SIGINT, listening)
         raise KeyboardInterrupt from None
     finally:
-        for loader in loaders:
-            loader.close()
         torch.set_num_threads(threads)
         torch.use_deterministic_algorithms(orderly)
+        for loader in loaders:
+            loader.close()
     return module.metrics
 
 
