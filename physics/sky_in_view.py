@@ -39,6 +39,7 @@ CLOSE, TIMES_BEST = 0.4, 4.0
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of the library's sky, one for all gases here
 # of skies by `sky`: vapour over what air that warm can hold, and air masses
 HUMIDITIES, MASSES = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3), np.geomspace(1, 38, 24)
+OF_SCENE = 0.9  # of the pixels look colder than the scene: sky may fill most of the picture
 TELLING = 3  # bands, at least: two cannot tell a sky from anything else
 SOLID = 0.5  # e in the mean of what mirrors little; what mirrors more may show the sky itself
 # what it mirrors: skies of these air masses, as such shares of the light, the rest being as warm as
@@ -89,7 +90,7 @@ def _sky_clusters(cube, library, spectra, pick, row, seed):
     """Clusters of the whitened spectra of the picked pixels, and (clusters,) which are sky."""
     fit = clusters(spectra, CLUSTERS, 1, seed)
     centres = fit.cluster_centers_ * cube.sigma
-    missing = _Skies(cube, library, centres).missing()
+    missing = _Skies(cube, library, centres, spectra * cube.sigma).missing()
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
     missing[_mirrors(missing > least, fit, cube, pick, row)] = 0.0
@@ -129,13 +130,15 @@ def _warms_downwards(cube, spectra, row):
 
 
 class _Skies:
-    """What some spectra (n, bands) of a cube may be: skies, grey bodies, materials."""
+    """What some spectra (n, bands) of a cube, whose pixels are (p, bands), may be: skies, grey
+    bodies, materials."""
 
-    def __init__(self, cube, library, spectra):
+    def __init__(self, cube, library, spectra, pixels):
         self.w, self.spectra = cube.wavelength_um, spectra
         self.nodes = cube.nodes_um
         self.per_kelvin = planck_derivative(self.w, 300.0)
-        self.scene_k = np.median(brightness_temperature(self.w, spectra))
+        kelvin = brightness_temperature(self.w, pixels).mean(axis=1)
+        self.scene_k = np.quantile(kelvin, OF_SCENE)
         self.grey = np.tile(np.linspace(0.02, 1, 60)[:, None], cube.bands)
         self.opacity = self._of_library(library)
         self.solids = self.mirrored = np.zeros((0, cube.bands))

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
-from physics.bands import equidistant_bands, quadrature
+from physics.bands import band_means, equidistant_bands, quadrature
 from physics.estimate import Sample, _principal, completed, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
@@ -19,7 +19,7 @@ from physics.planck import brightness_temperature, noise_sigma, planck, planck_d
 from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.scene_file import load_scene
-from physics.sky import Atmosphere, sky_radiance
+from physics.sky import Atmosphere, sky_along, sky_radiance, usual_atmosphere
 from texnet.pipeline import decompose
 
 LIBRARY = MaterialLibrary.starter()
@@ -276,6 +276,23 @@ def test_sky_between_leaves_is_told_by_how_it_warms_downwards(bands):
             per_kelvin = planck_derivative(cube.wavelength_um, 300.0)
             np.testing.assert_allclose(clear / per_kelvin, true / per_kelvin, atol=4)
         assert bool(e.sky) == bool(found)
+
+
+@pytest.mark.parametrize("high_um", [12, 13])
+def test_sky_may_fill_most_of_the_picture(high_um):
+    """Where no band shows how warm its air is: the little below it does."""
+    (w, fwhm), rng, wide = equidistant_bands(54, 8, high_um), np.random.default_rng(0), 40
+    nodes, air = quadrature(w, fwhm), usual_atmosphere(288.0)
+    mass = 1 / np.sin(np.radians(np.linspace(45, 14, 42)))
+    sky = band_means(lambda x: sky_along(x, mass, air), nodes)
+    e = LIBRARY.of_bands(nodes)[LIBRARY.index("brick")]
+    t, v = rng.normal(288, 2, (18 * wide, 1)), rng.uniform(0.2, 0.6, (18 * wide, 1))
+    wall = e * planck(w, t) + (1 - e) * (v * sky[0] + (1 - v) * planck(w, 287))
+    s = np.concatenate([np.repeat(sky, wide, axis=0), wall])
+    s += noise_sigma(w, 0.05) * rng.standard_normal(s.shape)
+    found = Sample(HeatCube(s.T.reshape(54, 60, wide), w, fwhm, 0.05), LIBRARY)
+    is_sky = found.row < 42 / 60
+    assert found.sky[is_sky].mean() > 0.9 and not found.sky[~is_sky].any()
 
 
 @pytest.mark.parametrize("metal", METALS)
