@@ -49,7 +49,7 @@ MIRRORED_K = np.array([-40.0, -25.0, -12.0, 8.0])
 # of B(T_air) in the clearest band, for a cluster to be sky: a humid sky misses little near the
 # horizon; with one band or two, where a grey body cannot be told from one, it must be more
 MISSING, MISSING_OF_FEW = 0.09, {1: 0.2, 2: 0.26}
-MISSING_RATIO = 0.45  # and of what the clearest cluster misses: below it, sky is mixed with leaves
+MISSING_RATIO = 0.41  # and of what the clearest cluster misses: below it, sky is mixed with leaves
 # of the picture's height, which sky lies above all else in the mean: on scenes of no split 0.33 and
 # more; what passed for sky from straight above, as snow at 220 K and metal, mostly less
 ABOVE = 0.3
