@@ -13,7 +13,7 @@ from .pixels import SampledPixels, sample
 
 # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less. A few pixels tell less
 # surely, but mostly: of 30 single ones of rooms 4 passed for lit by a sky, none with a wrong name
-SKY_WORTH, LEAST_PIXELS = 1.0, 1
+SKY_WORTH, FEWEST_PIXELS = 1.0, 1
 
 
 def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_out=None):
@@ -23,7 +23,7 @@ def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_ou
 
     Mirrors do not count: they may be of anything, even of themselves, as an object that was found
     in the picture has their very spectrum."""
-    part = sample(cube, left_out, LEAST_PIXELS)
+    part = sample(cube, left_out, FEWEST_PIXELS)
     if part is None:
         return False
     look, found = looks(), found._replace(noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
