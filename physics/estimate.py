@@ -5,8 +5,8 @@
    from overhead, through less air. From the clearest sky in view follows what is seen through less
    of its air (`overhead`): up to three objects (one for k = 2). Of the sky's pixels only those
    count whose neighbours are sky, too: leaves in a pixel fill the windows, as no air does.
-   Where none is in view, one can be assumed all the same: that of usual air about as warm as the
-   scene (`sky`), and how others deviate from it.
+   Where none is in view, one can be assumed all the same: that of air that is given or usual
+   (`Sample.usual_air`), and how others deviate from it.
 3. The others: K-means of what is not sky, cluster means, k in all.
 4. `spread`: how far pixels scatter about their cluster's mean, along its principal
    directions, and what far hotter pixels add (`cube.hot`); `skylight_spread`: how skies of
@@ -17,8 +17,9 @@ the time does not grow with the cube; none of them is dead, far hotter than the 
 or, unless many are, saturated.
 """
 
+from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from .errors import InputError
 from .machinery.blas import no_blas_threads
 from .overhead import air_temperature, overhead
 from .planck import brightness_temperature
-from .sky import MOST_WATER_CM, sky_radiance, usual_atmosphere
+from .sky import HUMIDITY, sky_radiance, usual_atmosphere
 from .sky_in_view import clusters, sky_in_view
 
 USUAL_OBJECTS = 5  # of an environment, where the sky is in view
@@ -42,8 +43,9 @@ SAMPLES = 6000
 SKY_OBJECTS = ((), (0.7,), (0.85, 0.2), (0.85, 0.2), (1.0, 0.4, 0.0))
 EXTREMES = 0.005  # of the pixels, brightest and darkest, stay out of the clusters
 SPREAD_DIRECTIONS = 6
-# of a sky that is assumed: its air over the scene, K, its vapour over the usual, and the cosine of
-# the zenith angle, 0.6 being like a whole hemisphere (Elsasser 1942); first what is likeliest
+# of a sky that is assumed: by how many K its air may be warmer, times how humid it may be, and the
+# cosine of the zenith angle, 0.6 being like a whole hemisphere (Elsasser 1942); first what is
+# likeliest
 ASSUMED = (
     (0.0, 1.0, 0.6), (-15.0, 1.0, 0.6), (10.0, 1.0, 0.6), (0.0, 0.4, 0.6), (0.0, 2.0, 0.6),
     (0.0, 1.0, 1.0), (0.0, 1.0, 0.3),
@@ -57,13 +59,13 @@ SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
 
 
 @no_blas_threads()
-def estimate_environment(cube, library, k=USUAL_OBJECTS, seed=0, assume_sky=False):
+def estimate_environment(cube, library, k=USUAL_OBJECTS, seed=0, assume_sky=None):
     """Estimate the Environment of a HeatCube.
 
     k        number of objects, the sky's among them; fewer come where spectra differ less
     seed     of the subsample and of K-means
-    assume_sky  whether a usual sky is one of the objects, if k is 2 or more and the library has a
-             sky, where none is in view
+    assume_sky  Atmosphere whose sky is one of the objects, if k is 2 or more and the library has a
+             sky: what looks like one in view is none
 
     Raises InputError for a wrong k, more objects than pixels (a sky that is assumed needs none),
     or a band without light (`cube.bad_bands` leaves such bands out).
@@ -123,25 +125,40 @@ class Sample:
         self.spectra, pick = spectra[order], pick[order]
         self.row = _row(cube.dead, pick)
         self.sky = self.inner = np.zeros(len(pick), bool)
+        self._others = cache(self._clustered)  # of one number under many skies
         if library.sky_index is None:
             return
         of = self.cube, library, self.spectra, pick, self.row, seed
         self.sky, self.inner = sky_in_view(*of)
+
+    def without_sky(self):
+        """The same Sample if no pixel is sky."""
+        other = copy(self)
+        other.sky = other.inner = np.zeros_like(self.sky)
+        other._others = cache(other._clustered)
+        return other
 
     @property
     def may_assume_sky(self):
         """Whether one can be: the library has a sky, of which there is none in view."""
         return self.library.sky_index is not None and not self.sky.any()
 
-    def environment(self, k, assume_sky=False, skies=None):
+    def usual_air(self):
+        """Atmosphere that is about as warm as the scene, as what it looks in its warmest bands."""
+        cube = self.cube
+        t = brightness_temperature(cube.wavelength_um, self.spectra * cube.sigma).max(axis=1)
+        return usual_atmosphere(np.median(t))
+
+    def environment(self, k, assume_sky=None, skies=None):
         """Environment of k objects by K-means, those of the sky first: skies (n, bands), if they
         were measured. Raises InputError for a wrong k, or more objects than pixels (a sky that is
         assumed needs none)."""
         if not isinstance(k, (int, np.integer)) or k < 1:
             raise InputError(f"environment: k must be a whole number, at least 1; got {k!r}.")
-        cube, spectra, sky = self.cube, self.spectra, self.sky
-        pixels = cube.measured_count + self.hot.shape[1]
-        assumed = assume_sky and k > 1 and self.may_assume_sky
+        if assume_sky is not None and self.sky.any():
+            return self.without_sky().environment(k, assume_sky)
+        cube, pixels = self.cube, self.cube.measured_count + self.hot.shape[1]
+        assumed = assume_sky is not None and k > 1 and self.may_assume_sky
         if skies is None and k - assumed > pixels:
             raise InputError(
                 f"environment: k = {k} objects{', a sky among them,' if assumed else ''} need at "
@@ -150,25 +167,31 @@ class Sample:
         deviations, error_k, within = np.zeros((0, cube.bands)), ERROR_K, None
         if skies is not None:
             skies = skies / cube.sigma
-        elif sky.any() and k > 1:
+        elif self.sky.any() and k > 1:
             skies, deviations, within = self._skies_overhead(k)
         elif assumed:
-            skies, deviations, within = self._assumed_sky()
+            skies, deviations, within = self._assumed_sky(assume_sky)
             error_k = ASSUMED_ERROR_K
         else:
             skies = deviations
-        ground = spectra[~sky] if (~sky).any() else spectra
-        # one small hot object shall not take an environment object from all others
-        cut = int(EXTREMES * len(ground))
-        ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
-        fit = clusters(ground, k - len(skies), 3, self.seed)
-        spread = _principal(ground - fit.cluster_centers_[fit.labels_], 1.0) * cube.sigma
+        others, spread = self._others(k - len(skies))
         spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
         return Environment(
-            np.concatenate([skies, fit.cluster_centers_]) * cube.sigma, cube.wavelength_um,
+            np.concatenate([skies, others]) * cube.sigma, cube.wavelength_um,
             tuple(range(len(skies))), spread, _principal(deviations, 0.0) * cube.sigma,
             error_k, within=within, **self.of_sky(),
         )  # fmt: skip
+
+    def _clustered(self, n):
+        """Means (n, bands) of the clusters of what is not sky, in noise units; and how its pixels
+        scatter about them, (d, bands) W m-2 sr-1 um-1."""
+        ground = self.spectra[~self.sky] if not self.sky.all() else self.spectra
+        # one small hot object shall not take an environment object from all others
+        cut = int(EXTREMES * len(ground))
+        ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
+        fit = clusters(ground, n, 3, self.seed)
+        off = ground - fit.cluster_centers_[fit.labels_]
+        return fit.cluster_centers_, _principal(off, 1.0) * self.cube.sigma
 
     def _skies_overhead(self, k):
         """The sky's objects among k and their deviations, (n, bands) each, from the sky in view;
@@ -186,17 +209,15 @@ class Sample:
         deviations = (skies - mean) / cube.sigma
         return mean / cube.sigma, deviations.reshape(-1, cube.bands), within
 
-    def _assumed_sky(self):
-        """The same of a sky that is not in view, which is one object."""
-        cube = self.cube
-        nodes = cube.nodes_um
-        t = brightness_temperature(cube.wavelength_um, self.spectra * cube.sigma).max(axis=1)
-        skies = []
-        for warmer, vapour, cosine in ASSUMED:
-            air = usual_atmosphere(np.median(t) + warmer)
-            air = replace(air, water_cm=min(vapour * air.water_cm, MOST_WATER_CM))
-            above = partial(sky_radiance, cos_zenith=[cosine], atmosphere=air)
-            skies.append(at_nodes(above, nodes)[0])
+    def _assumed_sky(self, air):
+        """The same of a sky that is not in view, which is one object, of an Atmosphere."""
+        cube, skies, k = self.cube, [], air.air_temperature_k
+        humidity = HUMIDITY * air.water_cm / usual_atmosphere(k).water_cm
+        for warmer_k, wetter, cosine in ASSUMED:
+            other = usual_atmosphere(k + warmer_k, wetter * humidity)
+            other = replace(air, air_temperature_k=other.air_temperature_k, water_cm=other.water_cm)
+            above = partial(sky_radiance, cos_zenith=[cosine], atmosphere=other)
+            skies.append(at_nodes(above, cube.nodes_um)[0])
         within = np.array(skies)
         skies = within.mean(axis=-1) / cube.sigma
         return skies[:1], skies - skies[0], within[:1]

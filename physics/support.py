@@ -28,18 +28,18 @@ SAMPLES, PATIENCE = 600, 2
 UNDER_SKY = 4
 
 
-def supported_count(sample, assume_sky=False):
+def supported_count(sample, assume_sky=None):
     """k, 1..10, for an `estimate.Sample`; assume_sky as of the estimate."""
     cube, library, found = sample.cube, sample.library, {}
-    assume_sky = assume_sky and sample.may_assume_sky
+    assumed = assume_sky is not None and sample.may_assume_sky
     pixels = cube.measured_count
     pick = cube.random_pixels(np.random.default_rng([sample.seed, 1]), SAMPLES)
     spectra = cube.pixels(pick).astype(np.float32)
     solid = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
-    if assume_sky and len(solid) > 1:
+    if assumed and len(solid) > 1:
         library = library.subset([library.names[i] for i in solid])
-    least = UNDER_SKY if sample.sky.any() else 2 if assume_sky else 1
-    most = min(MOST_OBJECTS, pixels + assume_sky)
+    least = UNDER_SKY if sample.sky.any() else 2 if assumed else 1
+    most = min(MOST_OBJECTS, pixels + assumed)
     for k in range(min(least, most), most + 1):
         found[k] = free_energy(cube, library, sample.environment(k, assume_sky), spectra)
         best = min(found, key=lambda k: found[k].mean())

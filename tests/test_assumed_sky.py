@@ -1,5 +1,6 @@
 """A camera that sees the ground alone: is it lit by a sky, and as right as if that were in view?"""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -8,9 +9,9 @@ from traced import names_of, one_thread, right, said, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import band_means, equidistant_bands, quadrature
-from physics.estimate import estimate_environment
+from physics.estimate import Sample, estimate_environment
 from physics.planck import noise_sigma, planck
-from physics.sky import sky_radiance, usual_atmosphere
+from physics.sky import Atmosphere, sky_radiance, usual_atmosphere
 from texnet.files.cube_io import write_cube
 from texnet.pipeline import decompose
 
@@ -115,6 +116,62 @@ def test_a_field_of_one_material_is_no_mirror_of_itself(material, bands, method)
         assert (names_of(d) == material).mean() > 0.8
 
 
+def from_above(materials, air, warmer_k, metal=0):
+    """(HeatCube, names, T) of 8 x 12 fields, warmer than the Atmosphere over them, their first row
+    with so many pixels of steel."""
+    rng = np.random.default_rng(0)
+    fields = lambda values: values.repeat(6, axis=0).repeat(6, axis=1)
+    names = fields(np.array(materials)[rng.integers(len(materials), size=(8, 12))])
+    names = names.astype(object)
+    t = air.air_temperature_k + warmer_k + fields(rng.normal(0, 1.5, (8, 12)))
+    t += rng.normal(0, 0.5, t.shape)
+    v = rng.uniform(0.6, 1, t.shape)
+    names[0, 5 : 5 + metal], v[0, 5 : 5 + metal] = "steel", 0.8
+    material = np.vectorize(LIBRARY.index)(names)
+    w, width = equidistant_bands(54)
+
+    def radiance(fine_um):
+        e, sky = LIBRARY.at(fine_um)[material], sky_radiance(fine_um, [0.6], air)[0]
+        around = v[..., None] * sky + (1 - v[..., None]) * planck(fine_um, t.mean())
+        return e * planck(fine_um, t[..., None]) + (1 - e) * around
+
+    s = np.moveaxis(band_means(radiance, quadrature(w, width)), -1, 0)
+    s += noise_sigma(w, 0.05)[:, None, None] * rng.standard_normal(s.shape)
+    return HeatCube(s, w, width, 0.05), names, t
+
+
+DESERT = ("sand", "sandstone", "granite", "clay"), Atmosphere(311, 1.3), 11.0
+FIELDS = ("soil", "grass", "asphalt", "concrete"), Atmosphere(290, 2.2), -8.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "gain", "spread", "method"),
+    [*product((DESERT, FIELDS), (1, 1.03, 0.9), (0,), ("net+sgd", "local")),
+     (DESERT, 1, 0.003, "net+sgd"), (DESERT, 1, 0.003, "local"), (FIELDS, 1, 0.003, "local")],
+)  # fmt: skip
+def test_reflections_tell_of_which_air_the_sky_is(scene, gain, spread, method):
+    """Usual air is as warm as the scene and half saturated: over the desert 10 K and 6 cm off."""
+    cube, names, t = from_above(*scene)
+    gains = gain * np.exp(np.random.default_rng(0).normal(0, spread, cube.bands))
+    d = decompose(replace(cube, radiance=gains[:, None, None] * cube.radiance), method=method)
+    off = np.abs(d.temperature_k - t)
+    assert d.sky_assumed and off.mean() < 0.4  # 1.3 K and more by usual air, or by none
+    assert (off < 2 * d.temperature_sigma_k).mean() > 0.9
+    assert (~d.unknown & (names_of(d) != names)).mean() < 0.02
+    if not spread:
+        assert (names_of(d) == names).mean() > 0.95 and (d.band_gains == 1).all()
+        assert d.gain == pytest.approx(gain, abs=0.003)
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+@pytest.mark.parametrize("metal", [4, 12])
+def test_a_little_metal_is_no_sky(metal, method):
+    cube, names, t = from_above(("sand", "sandstone"), Atmosphere(283, 0.75), -2.0, metal)
+    d = decompose(cube, method=method)
+    assert d.sky_assumed and np.abs(d.temperature_k - t)[1:].mean() < 0.3  # 6 K by that sky
+    assert (names_of(d) == names)[1:].mean() > 0.95
+
+
 @pytest.mark.parametrize("method", ["net+sgd", "local"])
 @pytest.mark.parametrize("bands", [54, 9])
 def test_no_sky_shines_into_a_closed_room(bands, method):
@@ -125,18 +182,20 @@ def test_no_sky_shines_into_a_closed_room(bands, method):
 @pytest.mark.parametrize("name, k", [("forest", 5), ("street", 2), ("patches", 3)])
 def test_one_object_is_the_sky_and_the_others_are_the_ground(name, k):
     cube, *_, texture = below_the_sky(name, 54)
-    e = estimate_environment(cube, LIBRARY, k, assume_sky=True)
+    e = estimate_environment(cube, LIBRARY, k, assume_sky=Sample(cube, LIBRARY).usual_air())
     assert len(e) == k and e.sky == (0,)
     rest = estimate_environment(cube, LIBRARY, k - 1).radiance
     np.testing.assert_allclose(np.sort(e.radiance[1:], axis=0), np.sort(rest, axis=0), rtol=1e-6)
     assert (e.radiance[0] < texture.max(axis=(1, 2))).all()
 
 
-def test_none_is_assumed_where_one_is_in_view_or_unknown_or_has_no_place():
-    in_view, ground = traced("forest", 54)[0], below_the_sky("forest", 54)[0]
+def test_none_is_assumed_where_it_is_unknown_or_has_no_place():
+    ground = below_the_sky("forest", 54)[0]
     none = LIBRARY.subset([n for n in LIBRARY.names if n != "sky"])
-    for cube, library, k in ((in_view, LIBRARY, 5), (ground, none, 5), (ground, LIBRARY, 1)):
-        a, b = (estimate_environment(cube, library, k, assume_sky=s) for s in (False, True))
+    for library, k in ((none, 5), (LIBRARY, 1)):
+        a, b = (
+            estimate_environment(ground, library, k, assume_sky=s) for s in (None, Atmosphere())
+        )
         assert a.sky == b.sky
         np.testing.assert_array_equal(a.radiance, b.radiance)
 

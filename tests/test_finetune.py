@@ -417,11 +417,11 @@ def test_a_sky_that_decompose_assumes_is_learned_with():
     seen = traced_cube("forest", 54)[0]
     below = HeatCube(seen.radiance[:, 30:], seen.wavelength_um, seen.fwhm_um, seen.netd_k)
     taken = calibrated(below, STARTER, shipped_network())
-    assert taken.sky_assumed == decompose(below, model=torch_model()).sky_assumed
-    for assume in (False, True):
-        crops = Crops([CalibratedCube(taken.cube, assume)], STARTER, 0, 96)
+    assert bool(taken.assumed_air) == decompose(below, model=torch_model()).sky_assumed
+    for air in (None, taken.assumed_air):
+        crops = Crops([CalibratedCube(taken.cube, air)], STARTER, 0, 96)
         skies = [k["sky_object"].sum() for k in crops.cubes[0][-1]]
-        assert (np.array(skies[1:]) > 0).all() == assume and skies[0] == 0
+        assert (np.array(skies[1:]) > 0).all() == bool(air) and skies[0] == 0
 
 
 def test_curves_that_decompose_takes_to_be_off_are_learned_with_as_such():

@@ -12,7 +12,7 @@ the sky's (`physics.lighting`).
 """
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,12 +25,14 @@ from physics.environment import Environment
 from physics.estimate import USUAL_OBJECTS, Sample, completed, estimate_environment
 from physics.lighting import with_usual_lighting
 from physics.machinery.blas import no_blas_threads
+from physics.sky import Atmosphere
 
 from .camera.calibration import calibration
 from .camera.correction import Calibration, corrected
 from .camera.distances import distances
 from .camera.given_environment import error_of_given
-from .camera.missing_sky import sky_is_likelier
+from .camera.missing_sky import missing_sky
+from .camera.mistaken_sky import LITTLE, mistaken_sky
 from .camera.pixels import LEAST_OBJECTS
 from .progress import compiling
 
@@ -40,7 +42,8 @@ class Circumstances(NamedTuple):
     saturated, left_out  (height, width) bool: its pixels that are; those that say nothing of camera
                          and lighting, being saturated, dead or far hotter than the others
     cube                 HeatCube that a right camera would have shown, with no air before it
-    environment          Environment of that;  sky_assumed: True where its sky is not in view
+    environment          Environment of that
+    assumed_air          Atmosphere of its sky, where that is not in view; else None
     environment_error_k  K by which one that was given is likely off, as is allowed for here
     found                Calibration by which cube was corrected
     distance_m           (height, width) m of its Air before each pixel; None without
@@ -52,7 +55,7 @@ class Circumstances(NamedTuple):
     left_out: np.ndarray
     cube: HeatCube
     environment: Environment
-    sky_assumed: bool
+    assumed_air: Atmosphere | None
     environment_error_k: float
     found: Calibration
     distance_m: np.ndarray | None
@@ -119,7 +122,7 @@ def _with_given(ready, cold, given, how, lap):
     return dict(
         ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
         environment=given, environment_error_k=error_k,
-        sky_assumed=False, found=found, distance_m=None,
+        assumed_air=None, found=found, distance_m=None,
     )  # fmt: skip
 
 
@@ -128,8 +131,8 @@ def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
     estimated again once the cube is corrected; with a sky that is assumed, where that explains the
     pixels. Where its wavelengths are off all of it is done again at those that it shows (moved)."""
     library = how["library"]
-    environment, objects, assumed = _surroundings(ready, split, k, seed, how, lap, progress)
-    found = calibration(split.cold, environment, **how, moved=moved or assumed)
+    environment, objects, air = _surroundings(ready, split, k, seed, how, lap, progress)
+    found = calibration(split.cold, environment, **how, moved=moved or air is not None)
     if found.shift_um:
         lap("calibration")
         there = (of.moved(found.shift_um) for of in (ready, split))
@@ -137,32 +140,44 @@ def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
     estimate = partial(estimate_environment, library=library, k=objects, seed=seed)
     cube, off = ready.cube, None
     if found.air:
-        clear = estimate(corrected(cube, found), assume_sky=assumed)
+        clear = estimate(corrected(cube, found), assume_sky=air)
         off = distances(split.cold, environment, clear, how["looks"](), len(library), found)
     if not found.keeps_cube:
         cube = corrected(cube, found, off)
-        environment = estimate(cube, assume_sky=assumed)
+        environment = estimate(cube, assume_sky=air)
     return dict(
         ready=ready, cube=cube, environment=environment, environment_error_k=0.0,
-        sky_assumed=assumed, found=found,
+        assumed_air=air, found=found,
         distance_m=off and off.metres,
     )  # fmt: skip
 
 
 def _surroundings(ready, split, k, seed, how, lap, progress):
-    """The Environment of a Prepared as it is, how many objects it was to have, and whether one of
-    them is a sky that is assumed; arguments as there. Where none is in view, all but wavelengths
-    and air is looked at without one, and then whether it is likelier with one."""
+    """The Environment of a Prepared as it is, how many objects it was to have, and the Atmosphere
+    of a sky that is assumed, None if none is; arguments as there. A little sky in view may be metal
+    that mirrors one."""
     sample = Sample(ready.cube, how["library"], seed, split)
+    around = partial(_around, split=split, k=k, how=how, lap=lap, progress=progress)
+    found = environment, *_ = around(sample)
+    if not 0 < sample.sky.mean() <= LITTLE:
+        return found
+    another = cache(lambda: around(sample.without_sky()))
+    mistaken = mistaken_sky(split.cold, environment, lambda: another()[0], **how)
+    return another() if mistaken and another()[2] else found
 
-    def supported(assume_sky=False):
+
+def _around(sample, split, k, how, lap, progress):
+    """The same of a Sample as it is. Where no sky is in view, all but wavelengths and air is looked
+    at without one, and then whether it is likelier with one."""
+
+    def supported(assume_sky=None):
         from physics.support import supported_count  # numba takes a second to load
 
         with compiling(progress):
             return supported_count(sample, assume_sky)
 
     counting = k in (None, "auto")
-    pixels = ready.cube.measured_count
+    pixels = sample.cube.measured_count
     objects = min(USUAL_OBJECTS, pixels) if counting else k
     if sample.sky.any() and k == "auto":
         objects = supported()
@@ -170,15 +185,17 @@ def _surroundings(ready, split, k, seed, how, lap, progress):
     environment = sample.environment(min(objects, pixels) if sample.may_assume_sky else objects)
     lap("environment")
     if environment.sky:
-        return environment, objects, False
+        return environment, objects, None
     with_sky = max(objects, 2) if counting and sample.may_assume_sky else objects
-    assumed, least, under = False, 1, sample.environment(with_sky, assume_sky=True)
-    if under.sky:
+    least, air = 1, None
+    if with_sky > 1 and sample.may_assume_sky:
         # what is not seen of a missing sky would look like wrong wavelengths
         without = calibration(split.cold, environment, **how, moved=True)
-        assumed = sky_is_likelier(split.cold, environment, without, under, **how)
-        if without.curves and not assumed:
+        under_sky = partial(sample.environment, with_sky)
+        of = split.cold, environment, without, sample.usual_air(), under_sky
+        air = missing_sky(*of, **how)
+        if without.curves and not air:
             least = LEAST_OBJECTS  # one would not tell curves from bands
     if counting:
-        objects = max(supported(assumed), least)
-    return sample.environment(objects, assumed), objects, assumed
+        objects = max(supported(air), least)
+    return sample.environment(objects, air), objects, air

@@ -261,7 +261,7 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
         air_m=air.metres if air else 0.0, air_k=air.temperature_k if air else math.nan,
         air_error=found.air_error, air_error_k=found.air_error_k, distance_m=of.distance_m,
         material_names=library.names, environment=of.environment.radiance, sky=of.environment.sky,
-        sky_assumed=of.sky_assumed,
+        sky_assumed=of.assumed_air is not None,
         wavelength_um=ready.stated_um,
         emissivity=library.of_bands(of.cube.nodes_um),
         hue_deg=library.hue_deg, camera_netd_k=ready.camera_netd_k,

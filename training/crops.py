@@ -16,6 +16,7 @@ from physics.evidence import tensors
 from physics.known import Known, known_arrays
 from physics.lighting import with_usual_lighting
 from physics.machinery.blas import no_blas_threads
+from physics.sky import Atmosphere
 
 from .samples import OBJECTS, Sample, features
 
@@ -23,12 +24,13 @@ TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
 
 
 class CalibratedCube(NamedTuple):
-    """A HeatCube, prepared (`physics.cube.prepared`); whether a usual sky is assumed over it, by
-    how much all of the library's curves may be off (`Environment.with_curves_off_by`), and
-    (height, width) bool, the dead ones if None: pixels that say nothing of what lights them."""
+    """A HeatCube, prepared (`physics.cube.prepared`); the Atmosphere of a sky that is assumed over
+    it, if one is; by how much all of the library's curves may be off
+    (`Environment.with_curves_off_by`); and (height, width) bool, the dead ones if None: pixels that
+    say nothing of what lights them."""
 
     cube: HeatCube
-    sky_assumed: bool = False
+    assumed_air: Atmosphere | None = None
     curve_error: float = 0.0
     left_out: np.ndarray | None = None
 
@@ -44,11 +46,11 @@ class Crops(Dataset):
     def __init__(self, seen, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
         self.stream = 2  # of random numbers
-        for cube, assumed, off, left_out in seen:
+        for cube, air, off, left_out in seen:
             most = min(OBJECTS[1], cube.measured_count)
             with no_blas_threads():
                 sample = estimate.Sample(cube, library)
-                around = (sample.environment(k, assumed) for k in range(OBJECTS[0], most + 1))
+                around = (sample.environment(k, air) for k in range(OBJECTS[0], most + 1))
                 around = (e.with_curves_off_by(off) for e in around)
                 around = (with_usual_lighting(e, cube, library, left_out) for e in around)
                 known = [known_arrays(cube, library, e) for e in around]

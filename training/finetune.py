@@ -127,7 +127,7 @@ def calibrated(cube, library, network, device="cpu"):
     """
     looks = by_network(library, torch_model(network, device=device)).looks
     of = circumstances(cube, library, looks, k=min(USUAL_OBJECTS, cube.measured_count))
-    return CalibratedCube(of.cube, of.sky_assumed, of.found.curves, of.left_out)
+    return CalibratedCube(of.cube, of.assumed_air, of.found.curves, of.left_out)
 
 
 def _measure(module, draws):

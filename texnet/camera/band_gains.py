@@ -38,13 +38,14 @@ MOST = 0.15  # that a logarithm of a gain may be
 BELIEVED = 2.0
 
 
-def band_gains(cube, environment, solve, library, quartile):
+def band_gains(cube, environment, solve, library, quartile, doubted=False):
     """Calibration of a HeatCube by the gains of its bands; None where one material alone is left or
     they are not believed.
 
     solve  (Environment, HeatCube) -> maps, of which material, temperature_k, texture and
              residual are used
     quartile  residual of pixels, in noise units -> that of those that fit best
+    doubted  whether gains count, too, that are not believed
     """
     log_gain = kept = np.zeros(cube.bands)
     noise, least, at, first = FIRST, np.inf, 0, None
@@ -69,8 +70,8 @@ def band_gains(cube, environment, solve, library, quartile):
         noise = min(noise, TIMES[at] * max(least, 1.0))
     glow = planck(cube.wavelength_um, 300.0) / cube.sigma
     moved = np.sqrt(np.mean((kept * glow) ** 2))
-    believed = moved <= BELIEVED * first
-    return Calibration(bands=_gains(kept)) if believed and len(more) >= LEAST_KINDS else None
+    believed = moved <= BELIEVED * first and len(more) >= LEAST_KINDS
+    return Calibration(bands=_gains(kept)) if believed or doubted else None
 
 
 def _gains(logarithms):

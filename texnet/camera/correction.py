@@ -143,10 +143,12 @@ def behind(c, metres, nodes_um):
 
 
 def corrected_environment(environment, c):
-    """The Environment likewise. No air is before the sky that lights it from overhead."""
+    """The Environment likewise. No air is before the sky that lights it from overhead, and one that
+    is not in view was not seen by the camera."""
     environment = replace(environment, wavelength_um=environment.wavelength_um - c.shift_um)
     offset, gain = _offset_and_gain(environment.wavelength_um, c)
-    own_offset, own_gain = _offset_and_gain(environment.wavelength_um, c._replace(air=None))
+    before_sky = c._replace(air=None) if environment.sky_mean is not None else RIGHT
+    own_offset, own_gain = _offset_and_gain(environment.wavelength_um, before_sky)
     radiance, sky = _corrected(environment.radiance, offset, gain), list(environment.sky)
     radiance[sky] = _corrected(environment.radiance[sky], own_offset, own_gain)
     mean = environment.sky_mean

@@ -1,37 +1,140 @@
-"""Whether a sky that is not in view lights the scene.
+"""Whether a sky that is not in view lights the scene, and of which air.
 
 In a closed room none does: a sky is one more object that could light it, and the pixels are no
 likelier with it.
+
+Of which air it is, its reflections tell: that by which all pixels together are likeliest, among
+airs of some temperatures and humidities, those of the scene itself being usual. They are told apart
+best at MORE times the noise that is left (`misfit`); a few pixels tell none. Where no such sky
+makes a right camera fit, gains of the bands among each other may be in the way (`band_gains`): they
+are looked for under a few skies, those are taken by which the pixels are likeliest, and the air is
+looked for again. Here they count even if they are doubtful, as it is only asked whether there is a
+sky.
+
+Mirrors do not count: they may be of anything, even of themselves, as an object that was found in
+the picture has their very spectrum.
 """
+
+from functools import partial
+from itertools import product
 
 import numpy as np
 
+from physics.sky import HUMIDITY, usual_atmosphere
+
 from ..glance import LEAST_MATERIALS
+from .band_gains import band_gains
 from .correction import RIGHT
-from .one_error import losses
-from .pixels import SampledPixels, sample
+from .misfit import MORE, fits
+from .nats import NegativeLogEvidence
+from .one_error import GAIN, losses, one_error
+from .pixels import LEAST_PIXELS, SampledPixels, sample
 
 # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less. A few pixels tell less
 # surely, but mostly: of 30 single ones of rooms 4 passed for lit by a sky, none with a wrong name
 SKY_WORTH, FEWEST_PIXELS = 1.0, 1
+# K by which air is warmer than the scene looks, and octaves by which it is drier than half
+# saturated: those that are tried, finer steps around the best, and those under whose skies gains
+# are looked for, too. UNUSUAL nats per pixel speak against air that is a step off the usual in one
+WARMER_K, DRIER = (-24.0, -16.0, -8.0, 0.0, 8.0), (-1.0, 0.0, 1.0, 2.0, 3.0)
+DRIEST = DRIER[0], DRIER[-1]
+STEPS = (8.0, 1.0), (4.0, 0.5)
+USUAL, DRY = (0.0, 0.0), (-8.0, 2.0)
+UNUSUAL = 0.2
 
 
-def sky_is_likelier(cube, environment, found, under_sky, looks, library, left_out=None):
-    """Whether the pixels of a HeatCube without sky in view are likelier by SKY_WORTH in an
-    Environment with a sky that is assumed than in the one without, in which the camera was found
-    to be of a Calibration; other arguments as of `calibration`.
+def missing_sky(cube, environment, found, usual, under_sky, looks, library, left_out=None):
+    """Atmosphere by whose sky the pixels of a HeatCube without sky in view are likelier by
+    SKY_WORTH than in an Environment without one, in which the camera was found to be of a
+    Calibration; None if there is none.
 
-    Mirrors do not count: they may be of anything, even of themselves, as an object that was found
-    in the picture has their very spectrum."""
+    usual      Atmosphere as warm as the scene looks
+    under_sky  Atmosphere -> the Environment with its sky
+
+    Other arguments as of `calibration`. Without a sky gains of the bands do not count where a right
+    camera fits under one: they make up for what a sky does."""
     part = sample(cube, left_out, FEWEST_PIXELS)
-    if part is None:
-        return False
-    look, found = looks(), found._replace(noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
     seen = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
-    if len(seen) < LEAST_MATERIALS:
-        return False
-    without, under = losses({
-        of: SampledPixels(part, of, library, looks, seen).nats(look, c)
-        for of, c in ((environment, found), (under_sky, RIGHT))
-    }).values()  # fmt: skip
-    return bool(without - under >= SKY_WORTH)
+    if part is None or len(seen) < LEAST_MATERIALS:
+        return None
+    skies = _Skies(part, usual, under_sky, looks, library, seen)
+    at, off = USUAL, RIGHT
+    if part.radiance[0].size >= LEAST_PIXELS:
+        at = skies.likeliest_air(off)
+    if skies.gains_may_be_off(at):
+        off = skies.likeliest_gains((at, USUAL, DRY))
+        at = skies.likeliest_air(off)
+    found = found._replace(noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
+    inside = SampledPixels(part, environment, library, looks, seen)
+    cameras = (found._replace(bands=()),) if off == RIGHT else (found, off)
+    nats = {c: inside.nats(skies.look, c) for c in cameras} | {at: skies.nats(at, off)}
+    loss = losses(nats)
+    lit = min(loss[c] for c in cameras) - loss[at] >= SKY_WORTH
+    return skies.air(at) if lit else None
+
+
+class _Skies:
+    """Skies of air that is so many K warmer and so many octaves drier than is usual, and pixels (a
+    HeatCube) under them, seen being the materials that count; other arguments as there."""
+
+    def __init__(self, part, usual, under_sky, looks, library, seen):
+        self.part, self.usual, self.under_sky = part, usual, under_sky
+        self.looks, self.library, self.seen = looks, library, seen
+        self.look = looks()
+
+    def air(self, at):
+        """The Atmosphere."""
+        warmer_k, drier = at
+        return usual_atmosphere(self.usual.air_temperature_k + warmer_k, HUMIDITY * 2.0**-drier)
+
+    def pixels(self, at, seen):
+        """The SampledPixels, of materials that are seen."""
+        environment = self.under_sky(self.air(at))
+        return SampledPixels(self.part, environment, self.library, self.looks, seen)
+
+    def nats(self, at, c):
+        """(P,) minus their log evidence, corrected by a Calibration."""
+        return self.pixels(at, self.seen).nats(self.look, c)
+
+    def likeliest(self, some, c):
+        """That of some airs by which pixels corrected by a Calibration are likeliest."""
+        nats_of = NegativeLogEvidence(lambda at: self.nats(at, c), self.look.at_once)
+        loss = losses(nats_of.each(some))
+        (k, octaves), *_ = STEPS
+        unusual = lambda at: UNUSUAL * ((at[0] / k) ** 2 + (at[1] / octaves) ** 2)
+        return min(some, key=lambda at: loss[at] + unusual(at))
+
+    def likeliest_air(self, c):
+        """That of all."""
+        every = [(warmer_k, drier) for warmer_k in WARMER_K for drier in DRIER]
+        best = self.likeliest(every, c._replace(noise=MORE))
+        noise = MORE * max(self.pixels(best, self.seen).left_at(MORE, c), 1.0)
+        for k, octaves in STEPS:
+            warmer = [best[0] + i * k for i in (-1, 0, 1)]
+            drier = [float(np.clip(best[1] + i * octaves, *DRIEST)) for i in (-1, 0, 1)]
+            best = self.likeliest([*product(warmer, drier)], c._replace(noise=noise))
+        return best
+
+    def gains_may_be_off(self, at):
+        """Whether pixels do not fit, and are enough to say so of gains of the bands."""
+        pixels = self.pixels(at, self.seen)
+        if self.part.radiance[0].size < LEAST_PIXELS or not pixels.tell_bands_from_curves:
+            return False
+        return not fits(pixels.left(RIGHT), self.part)
+
+    def likeliest_gains(self, some):
+        """Calibration by that gain or those of the bands, found under skies of some airs, by which
+        pixels are likeliest."""
+        nats = {RIGHT: self.nats(some[0], RIGHT)}
+        for at in some:
+            under, every = self.pixels(at, self.seen), self.pixels(at, None)
+            nats_of = NegativeLogEvidence(partial(under.nats, self.look), self.look.at_once)
+            gain, _ = one_error(nats_of, False, (GAIN,))
+            bands = band_gains(
+                self.part, every.environment, every.maps, self.library, every.quartile, doubted=True
+            )
+            for c in (gain, bands or RIGHT):
+                if c != RIGHT:
+                    nats[c] = nats_of(c)
+        loss = losses(nats)
+        return min(loss, key=loss.get)
