@@ -52,7 +52,7 @@ class Decomposition:
     thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
                           net+sgd, where it may be, that of what stands before the sky
     environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
-    sky_assumed           True where none is in view, and a usual one explains what is
+    sky_assumed           True where none is in view, and a clear one explains what is
     texture               X (bands, height, width) W m-2 sr-1 um-1, its mean over each band, of sky
                           pixels likewise
     sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),

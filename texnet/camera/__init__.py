@@ -8,7 +8,8 @@ distances    how much of it before each pixel
 band_gains   gains of the bands among each other
 curve_error  how far the library's curves may be off
 misfit       what nothing explains, and how much noise that is called
-missing_sky  whether a sky that is not in view lights the scene
+missing_sky  whether a sky that is not in view lights the scene, and of which air
+mistaken_sky  whether a little sky in view is metal
 given_environment  how far an environment that was given may be off
 correction   what a right camera, with no air before it, would have shown
 pixels       those that are asked

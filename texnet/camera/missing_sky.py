@@ -35,7 +35,8 @@ from .pixels import LEAST_PIXELS, SampledPixels, sample
 SKY_WORTH, FEWEST_PIXELS = 1.0, 1
 # K by which air is warmer than the scene looks, and octaves by which it is drier than half
 # saturated: those that are tried, finer steps around the best, and those under whose skies gains
-# are looked for, too. UNUSUAL nats per pixel speak against air that is a step off the usual in one
+# are looked for, too. UNUSUAL nats per pixel speak against air that is a step off the usual in one:
+# with fewer, bands that are off lead to airs far from any. Found on scenes used for tuning
 WARMER_K, DRIER = (-24.0, -16.0, -8.0, 0.0, 8.0), (-1.0, 0.0, 1.0, 2.0, 3.0)
 DRIEST = DRIER[0], DRIER[-1]
 STEPS = (8.0, 1.0), (4.0, 0.5)
@@ -63,7 +64,7 @@ def missing_sky(cube, environment, found, usual, under_sky, looks, library, left
         at = skies.likeliest_air(off)
     if skies.gains_may_be_off(at):
         off = skies.likeliest_gains((at, USUAL, DRY))
-        at = skies.likeliest_air(off)
+        at = at if off == RIGHT else skies.likeliest_air(off)
     found = found._replace(noise=1.0, misfit=1.0, shared=0.0, curves=0.0)
     inside = SampledPixels(part, environment, library, looks, seen)
     cameras = (found._replace(bands=()),) if off == RIGHT else (found, off)
