@@ -146,7 +146,8 @@ FIELDS = ("soil", "grass", "asphalt", "concrete"), Atmosphere(290, 2.2), -8.0
 
 @pytest.mark.parametrize(
     ("scene", "gain", "spread", "method"),
-    [*product((DESERT, FIELDS), (1, 1.03, 0.9), (0,), ("net+sgd", "local")),
+    [*product((DESERT, FIELDS), (1, 1.03), (0,), ("net+sgd", "local")),
+     (DESERT, 0.9, 0, "net+sgd"), (DESERT, 0.9, 0, "local"), (FIELDS, 0.9, 0, "local"),
      (DESERT, 1, 0.003, "net+sgd"), (DESERT, 1, 0.003, "local"), (FIELDS, 1, 0.003, "local")],
 )  # fmt: skip
 def test_reflections_tell_of_which_air_the_sky_is(scene, gain, spread, method):
