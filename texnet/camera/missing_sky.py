@@ -109,7 +109,7 @@ class _Skies:
         """That of all."""
         every = [(warmer_k, drier) for warmer_k in WARMER_K for drier in DRIER]
         best = self.likeliest(every, c._replace(noise=MORE))
-        noise = MORE * max(self.pixels(best, self.seen).left_at(MORE, c), 1.0)
+        noise = MORE * max(self.pixels(best, self.seen).left_at(c)(MORE), 1.0)
         for k, octaves in STEPS:
             warmer = [best[0] + i * k for i in (-1, 0, 1)]
             drier = [float(np.clip(best[1] + i * octaves, *DRIEST)) for i in (-1, 0, 1)]

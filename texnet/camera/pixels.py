@@ -116,18 +116,23 @@ class SampledPixels:
     def left(self, c, distances=None):
         """`quartile` of what is corrected by a Calibration, at Distances, in noise units as stated
         (`misfit`)."""
-        at = lambda noise: self.left_at(noise, c, distances)
+        at = self.left_at(c, distances)
         left, nothing = left_of(at, rises=few(self.cube)), just(self.cube)
         if left > nothing and self.environment.sky and 0 < (low := at(MORE)) <= nothing:
             return low
         return left
 
-    def left_at(self, noise, c, distances=None):
-        """The same where the noise is so many times as much."""
-        noisy = c._replace(noise=noise)
-        taken = corrected(self.cube, noisy, distances)
-        maps = self.maps(corrected_environment(self.environment, noisy), taken)
-        return self.quartile(maps) * (taken.netd_k / corrected(self.cube, c, distances).netd_k)
+    def left_at(self, c, distances=None):
+        """The same where the noise is so many times as much: noise -> what is left."""
+        stated = corrected(self.cube, c, distances).netd_k
+
+        def at(noise):
+            noisy = c._replace(noise=noise)
+            taken = corrected(self.cube, noisy, distances)
+            maps = self.maps(corrected_environment(self.environment, noisy), taken)
+            return self.quartile(maps) * (taken.netd_k / stated)
+
+        return at
 
 
 def sample(cube, left_out=None, least=LEAST_PIXELS):
