@@ -32,6 +32,7 @@ what is said of that material's pixels where the library lacks it:
 atlas.png shows the axes; atlas.md has the figures, and lists the faults (`benchmarks.atlas`).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -73,6 +74,7 @@ COLUMNS = (
 )  # fmt: skip
 # look alike, by the last one's looks: net, too, by ONNX Runtime
 ALIKE = ("local", "sgd"), ("net", "net+sgd")
+NO_CLOUD_KM = 50  # in place of infinity, which no axis has
 COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
 
 
@@ -201,6 +203,14 @@ def sky_out_of_view(view, library, share):
     sky = np.flatnonzero((~non_sky(truth)).any(axis=1))
     top = int(round(share * (sky.max() + 1))) if sky.size else 0
     return Case(*cropped(cube, truth, min(top, cube.shape[0] - 12)), library, None)
+
+
+def overcast(view, library, base_km):
+    """The whole sky is a cloud so high, in view and overhead."""
+    traced = view.traced
+    air = replace(traced.atmosphere, cloud_base_km=base_km if base_km < NO_CLOUD_KM else math.inf)
+    traced = replace(traced, atmosphere=air)
+    return Case(*traced.shade(library, *equidistant_bands(BANDS), NETD_K), library)
 
 
 def objects_at_54_bands(view, library, k):
@@ -438,6 +448,9 @@ AXES = {
     "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
     "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),
     "sky out of view": Axis("share of sky rows cut off", (0, 0.3, 0.6, 0.9, 1), sky_out_of_view),
+    "overcast": Axis(
+        f"base of the cloud (km; {NO_CLOUD_KM}: none)", (NO_CLOUD_KM, 7, 4, 2, 1, 0.5), overcast
+    ),
     "k at 54 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_54_bands),
     "k at 6 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_6_bands),
     "wrong curves": Axis("error of e (%)", (0, 0.5, 1, 2, 5, 10), wrong_curves),

@@ -15,7 +15,8 @@ MOST_OBJECTS = 10
 FAR_K = 100.0  # from the cube: in other units
 FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
 WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance
-# colder than the scene, and if it were per cm-1 within as many K of it: it is per cm-1
+# colder than the scene, and if it were per cm-1 within as many K of it, or, of sky alone, colder by
+# less than that: it is per cm-1
 COLD_SKY_K, NEAR_K = 110.0, 30.0
 SMOOTH_UM, SMALL = 0.5, 0.003  # of errors of curves; of the largest of them, and left out
 
@@ -220,12 +221,14 @@ class Environment(ReadOnly):
             )
         per_um = self.radiance * 1e4 / self.wavelength_um**2
         converted = brightness_temperature(self.wavelength_um, per_um).max()
-        if warmest < half - COLD_SKY_K and abs(converted - half) < NEAR_K:
+        all_sky = len(self.sky) == len(self)
+        colder = COLD_SKY_K if all_sky else NEAR_K
+        if warmest < half - COLD_SKY_K and half - colder < converted < half + NEAR_K:
             raise InputError(
                 f"environment: it looks like {warmest:.0f} K at most, or like {converted:.0f} K if "
                 "it is per cm-1: then multiply it by 1e4 / wavelength^2 (um)."
             )
-        if warmest < half - (FAR_SKY_K if len(self.sky) == len(self) else FAR_K):
+        if warmest < half - (FAR_SKY_K if all_sky else FAR_K):
             raise InputError(
                 f"environment: all of it looks like {warmest:.0f} K and colder, half of the cube "
                 f"like {half:.0f} K and warmer; give both in W m-2 sr-1 um-1."

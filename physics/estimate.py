@@ -102,7 +102,8 @@ def objects_completed(environment):
 class Sample:
     """Pixels of a HeatCube that environments of any k are estimated from: spectra (n, bands) in
     noise units, row (n,) how far down its column each lies, 0..1, sky (n,) which of them are sky,
-    and inner (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have.
+    and inner (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have;
+    and whether it is overcast.
 
     split is that of the cube (`cube.hot`), if it was made already. Raises InputError for a band
     without light.
@@ -125,11 +126,12 @@ class Sample:
         self.spectra, pick = spectra[order], pick[order]
         self.row = _row(cube.dead, pick)
         self.sky = self.inner = np.zeros(len(pick), bool)
+        self.overcast = False
         self._others = cache(self._clustered)  # of one number under many skies
         if library.sky_index is None:
             return
         of = self.cube, library, self.spectra, pick, self.row, seed
-        self.sky, self.inner = sky_in_view(*of)
+        self.sky, self.inner, self.overcast = sky_in_view(*of)
 
     def without_sky(self):
         """The same Sample if no pixel is sky."""
@@ -204,7 +206,7 @@ class Sample:
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
         air = air_temperature(w, cube.nodes_um, visible, seen, scene_k)
         shares = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]
-        skies, within = overhead(w, cube.nodes_um, cube.sigma, seen, *air, shares)
+        skies, within = overhead(w, cube.nodes_um, cube.sigma, seen, *air, shares, self.overcast)
         mean = skies.mean(axis=0)
         deviations = (skies - mean) / cube.sigma
         return mean / cube.sigma, deviations.reshape(-1, cube.bands), within

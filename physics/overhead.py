@@ -14,20 +14,22 @@ How far it may be off comes as skies of other air that fits as well: the 2 n sig
 unknowns, which have their means and covariance (Julier and Uhlmann 1997).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from .bands import at_nodes, band_means
 from .planck import brightness_temperature, planck, planck_derivative
-from .sky import MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
+from .sky import HIGHEST_CLOUD_KM, MOST_WATER_CM, Atmosphere, sky_along, usual_atmosphere
 
 OPAQUE_QUANTILE = 0.95  # of the visible sky's pixels, by which the air's temperature is told
 # of T_air: where a band is opaque, relative to how much warmer than any band looks it is, and where
 # all that is known is the scene
 AIR_DOUBT_K, EXCESS_DOUBT, SCENE_DOUBT_K = 2.0, 0.5, 8.0
-MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT = 0.7, 0.7, 0.25  # of their logarithms
+MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT, BASE_DOUBT = 0.7, 0.7, 0.25, 0.5  # of their logarithms
 USUAL_MASS = 8.0  # of the clearest sky in view
+USUAL_BASE_KM = 2.5  # of a cloud that is known as sky
 GLOW_ERROR_K, DEPTH_ERROR = 0.5, 0.1  # of the model's B(T_air), and of its optical depth, relative
 # of Gauss-Newton, at most, and their lengths in standard deviations of the priors; halved while
 # they lead uphill, as they may where the sky is nearly opaque
@@ -37,21 +39,25 @@ MOST_DEPTH = 20.0
 
 
 class _Air(NamedTuple):
-    """What is looked for: K, and natural logarithms of the air mass, of cm and of Dobson units."""
+    """What is looked for: K, and natural logarithms of the air mass, of cm, of Dobson units and,
+    of an overcast sky, of km."""
 
     temperature_k: float
     mass: float
     water: float
     ozone: float
+    cloud_base: float = math.inf
 
     def atmosphere(self):
+        base_km = float(np.exp(self.cloud_base))
         return Atmosphere(
             float(np.clip(self.temperature_k, 220, 330)),
             float(min(np.exp(self.water), MOST_WATER_CM)), float(min(np.exp(self.ozone), 1000)),
+            cloud_base_km=min(base_km, HIGHEST_CLOUD_KM) if base_km < math.inf else math.inf,
         )  # fmt: skip
 
 
-def overhead(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k, shares):
+def overhead(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k, shares, overcast=False):
     """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely; and the model's own
     (shares, bands, n) at the nodes of each band.
 
@@ -60,10 +66,13 @@ def overhead(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k, shares):
     air_k, air_doubt_k      K of the air, and its standard deviation (`air_temperature`)
     shares                  of the way to the zenith, by the logarithm of the air mass: 0 is the sky
                             in view, 1 the zenith
+    overcast                whether all of it is one cloud
     """
-    usual = usual_atmosphere(air_k)
-    mean = np.array(_Air(air_k, np.log(USUAL_MASS), np.log(usual.water_cm), np.log(usual.ozone_du)))
-    scale = np.array([air_doubt_k, MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT])
+    usual, n = usual_atmosphere(air_k), 4 + overcast
+    mean = np.array([
+        air_k, *np.log([USUAL_MASS, usual.water_cm, usual.ozone_du, USUAL_BASE_KM])
+    ])[:n]  # fmt: skip
+    scale = np.array([air_doubt_k, MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT, BASE_DOUBT])[:n]
 
     def model(x, shares=(0.0,)):
         air = _Air(*(mean + scale * x))

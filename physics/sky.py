@@ -1,10 +1,13 @@
-"""The spectrum of a clear sky, 7.5-14.5 um: layers of gas, which absorb as LOWTRAN 7 has it.
+"""The spectrum of the sky, 7.5-14.5 um: layers of gas, which absorb as LOWTRAN 7 has it.
 
 The atmosphere is 28 spherical layers, thin at the ground. Layer j is met on a path m_j times as
 long as towards the zenith. From the ground to the top of layer i the transmittance is t_i, and
 the downwelling radiance is
 
     L = sum_i B(T_i) (t_{i-1} - t_i),        t_i = exp(-tau_i).
+
+An overcast sky ends at its cloud, which is black and as warm as the air at its base: of that at
+transmittance t comes t B(T) instead of all that lies above.
 
 tau_i adds up, over gases of column u_j in layer j, the band model of Pierluissi and Maragoudakis
 (1986, AFGL-TR-86-0272), in which lines saturate over the whole path,
@@ -21,8 +24,8 @@ Atmosphere 1976); water with a 2 km scale height; well-mixed CO2, N2O and CH4; o
 (Lacis and Hansen 1974, J. Atmos. Sci. 31, 118: u(z) falls as a logistic at 20 km, 5 km wide).
 
 Approximate, and on purpose: bands are means over 20 cm-1, no single lines; no trace gases but
-those, no aerosol, no cloud, no inversion at night; the ground at sea level; refraction by one
-effective radius of Earth for all layers.
+those, no aerosol, no thin or broken cloud, no inversion at night; the ground at sea level;
+refraction by one effective radius of Earth for all layers.
 """
 
 import math
@@ -46,7 +49,7 @@ LAPSE_K_KM = 6.5
 WATER_SCALE_KM = 2.0
 VAPOUR_J_G_K = 0.4615  # gas constant of water vapour
 HUMIDITY = 0.5  # of usual air, over what it can hold
-MOST_WATER_CM = 8.0
+MOST_WATER_CM, HIGHEST_CLOUD_KM = 8.0, 20.0
 TOP_KM = 50.0
 LAYERS = 28
 RADIUS_KM = 7 / 6 * 6371  # of an Earth above which rays that air bends would be straight
@@ -55,12 +58,13 @@ CH4_PPM, N2O_PPM = 1.9, 0.33  # of dry air, by volume
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """A clear atmosphere over the scene.
+    """The atmosphere over the scene.
 
     air_temperature_k  near the ground, in K, 220-330
     water_cm           precipitable water, in cm (g cm-2), 0-8
     ozone_du           ozone column, in Dobson units, 0-1000
     co2_ppm            carbon dioxide, in parts per million by volume, 0-10000
+    cloud_base_km      how high the cloud of an overcast sky is, in km, 0-20; infinity if clear
 
     Raises InputError outside these ranges.
     """
@@ -69,6 +73,7 @@ class Atmosphere:
     water_cm: float = 1.4
     ozone_du: float = 320.0
     co2_ppm: float = 420.0
+    cloud_base_km: float = math.inf
 
     def __post_init__(self):
         for name, unit, low, high in (
@@ -76,9 +81,10 @@ class Atmosphere:
             ("water_cm", "cm", 0, MOST_WATER_CM),
             ("ozone_du", "DU", 0, 1000),
             ("co2_ppm", "ppm", 0, 10000),
+            ("cloud_base_km", "km", 0, HIGHEST_CLOUD_KM),
         ):
             value = getattr(self, name)
-            if not low <= value <= high:
+            if not low <= value <= high and not (name == "cloud_base_km" and value == math.inf):
                 raise InputError(f"atmosphere: {name} must be {low}-{high} {unit}, got {value}.")
 
 
@@ -89,7 +95,7 @@ def zenith_optical_depth(wavelength_um, atmosphere):
 
 
 def sky_radiance(wavelength_um, cos_zenith, atmosphere):
-    """(directions, n) downwelling radiance of the clear sky, W m-2 sr-1 um-1.
+    """(directions, n) downwelling radiance of the sky, W m-2 sr-1 um-1.
 
     wavelength_um (n,) in um, ascending; cos_zenith (directions,) in -1..1, where
     everything at or below the horizon (<= 0) takes the horizon's value.
@@ -98,10 +104,24 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     if c.ndim != 1 or not (np.abs(c) <= 1).all():
         raise InputError("sky: cos_zenith must be one list of numbers in -1..1.")
     w, profile = check_wavelength(wavelength_um, "sky"), _profile(atmosphere)
-    transmittance = np.exp(-_optical_depth(w, slant(c, _edges_km()), profile))
+    depth, base_km = _optical_depth(w, slant(c, _edges_km()), profile), atmosphere.cloud_base_km
+    overcast = base_km < math.inf
+    if overcast:
+        depth = _below(base_km, depth)
+    transmittance = np.exp(-depth)
     above = np.concatenate([np.ones_like(transmittance[:, :1]), transmittance[:, :-1]], axis=1)
     glow = planck(w, profile.temperature_k[:, None])
-    return np.einsum("dln,ln->dn", above - transmittance, glow)
+    sky = np.einsum("dln,ln->dn", above - transmittance, glow)
+    if overcast:
+        sky += transmittance[:, -1] * planck(w, _temperature_k(base_km, atmosphere))
+    return sky
+
+
+def _below(base_km, depth):
+    """Optical depth (directions, layers, n) without what lies above a base."""
+    edge = _edges_km()
+    share = np.clip((base_km - edge[:-1]) / np.diff(edge), 0, 1)
+    return np.cumsum(np.diff(depth, axis=1, prepend=0.0) * share[:, None], axis=1)
 
 
 def sky_along(wavelength_um, mass, atmosphere):
@@ -168,11 +188,15 @@ def _edges_km():
     return TOP_KM * np.expm1(6 * np.arange(LAYERS + 1) / LAYERS) / np.expm1(6)
 
 
+def _temperature_k(km, atmosphere):
+    troposphere = np.maximum(atmosphere.air_temperature_k - LAPSE_K_KM * km, TROPOPAUSE_K)
+    return troposphere + np.maximum(km - 20.0, 0.0)
+
+
 def _profile(atmosphere):
     edge = _edges_km()
     middle = 0.5 * (edge[1:] + edge[:-1])
-    troposphere = np.maximum(atmosphere.air_temperature_k - LAPSE_K_KM * middle, TROPOPAUSE_K)
-    t = troposphere + np.maximum(middle - 20.0, 0.0)
+    t = _temperature_k(middle, atmosphere)
     # Hydrostatic: d ln p = -(g M / R) dz / T, with g M / R = 34.163 K/km.
     log_p = -np.concatenate([[0.0], np.cumsum(34.163 * np.diff(edge) / t)])
     p = np.exp(0.5 * (log_p[1:] + log_p[:-1]))

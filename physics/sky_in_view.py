@@ -1,10 +1,10 @@
-"""Which pixels of a cube are sky: spectra that a clear sky explains better than anything else does.
+"""Which pixels of a cube are sky: spectra that a sky explains better than anything else does.
 
 Twelve K-means clusters of the spectra, each by its mean. A cluster is sky if
 
 1. a clear sky explains it: the library's, which at air mass a and air temperature T radiates about
    B(T) (1 - t^a), t being the zenith transmittance, 1 - e_sky; or that of `sky`, through air as
-   warm as the scene, dry to humid, along any path;
+   warm as the scene, dry to humid, along any path; or, if no cluster is like that, an overcast one;
 2. much better than any grey body does (or no cluster does much better), and better than what the
    library has of materials that mirror little: e B(T) + (1 - e) X, X being such a sky, something of
    one temperature, or some of both;
@@ -19,6 +19,7 @@ Spectra are in units of the noise; misfits in K at 300 K.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from sklearn.cluster import KMeans
@@ -36,9 +37,16 @@ CLUSTERS = 12
 # many times the ratio of the best of all clusters, at most
 SKY_OVER_GREY, UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 0.5, 8.0, 0.8
 CLOSE, TIMES_BEST = 0.4, 4.0
+# cm-1 between bands below which they show lines of water vapour that no sky here has (`sky` is
+# smooth over 20 cm-1): neighbours are then joined until they are so far apart
+NARROW_CM, SMOOTH_CM = 8.5, 15.0
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of the library's sky, one for all gases here
 # of skies by `sky`: vapour over what air that warm can hold, and air masses
 HUMIDITIES, MASSES = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3), np.geomspace(1, 38, 24)
+# of overcast skies, which are looked for where no clear one is: leaves before a clear sky look much
+# like them, and on scenes of no split metal that mirrors it (its misfit is 0.16 and more of that of
+# the best grey body, a cloud's less than 0.2). Lower clouds look like any cold wall
+BASES_KM, OVERCAST_OVER_GREY = (2.0, 4.0), 0.25
 OF_SCENE = 0.9  # of the pixels look colder than the scene: sky may fill most of the picture
 TELLING = 3  # bands, at least: two cannot tell a sky from anything else
 SOLID = 0.5  # e in the mean of what mirrors little; what mirrors more may show the sky itself
@@ -71,33 +79,43 @@ ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them al
 @no_blas_threads()
 def sky_in_view(cube, library, spectra, pick, row, seed):
     """(n,) bool each: which pixels are sky, and which of these have sky all around, or all of them
-    if fewer than ENOUGH have.
+    if fewer than ENOUGH have; and whether it is overcast.
 
     spectra (n, bands)  of pixels (n,) of the cube, by their index pick, in noise units
     row     (n,)        how far down the measured part of its column each lies, 0..1
     """
-    fit, of_sky = _sky_clusters(cube, library, spectra, pick, row, seed)
+    fit, of_sky, overcast = _sky_clusters(cube, library, spectra, pick, row, seed)
     sky = of_sky[fit.labels_]
     inner = sky.copy()
     if sky.any():
         amid = _amid(of_sky, fit, cube, pick[sky])
         if amid.sum() >= ENOUGH:
             inner[sky] = amid
-    return sky, inner
+    return sky, inner, overcast
 
 
 def _sky_clusters(cube, library, spectra, pick, row, seed):
-    """Clusters of the whitened spectra of the picked pixels, and (clusters,) which are sky."""
+    """Clusters of the whitened spectra of the picked pixels, (clusters,) which are sky, and whether
+    it is overcast."""
     fit = clusters(spectra, CLUSTERS, 1, seed)
-    centres = fit.cluster_centers_ * cube.sigma
-    missing = _Skies(cube, library, centres, spectra * cube.sigma).missing()
-    height = np.array([row[fit.labels_ == c].mean() for c in range(len(centres))])
+    skies = _Skies(cube, library, fit.cluster_centers_ * cube.sigma, spectra * cube.sigma)
+    of_sky = _in_view(skies.missing(skies.clear()), fit, cube, spectra, pick, row)
+    if of_sky.any() or cube.bands < TELLING:
+        return fit, of_sky, False
+    missing = skies.missing(skies.overcast(), OVERCAST_OVER_GREY)
+    of_sky = _in_view(missing, fit, cube, spectra, pick, row)
+    return fit, of_sky, bool(of_sky.any())
+
+
+def _in_view(missing, fit, cube, spectra, pick, row):
+    """(clusters,) bool: which are sky, of how far below B(T_air) each falls, 0 if like none."""
+    height = np.array([row[fit.labels_ == c].mean() for c in range(len(missing))])
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
     missing[_mirrors(missing > least, fit, cube, pick, row)] = 0.0
     of_sky = missing > max(least, MISSING_RATIO * missing.max())
     sky = of_sky[fit.labels_]
     if not _lies_above(sky, row) and _warms_downwards(cube, spectra[sky], row[sky]):
-        return fit, of_sky
+        return of_sky
     like = (missing > least)[fit.labels_]
     below = 1.0 if like.all() else row[~like].mean()
     # sky lies below the middle where it fills more than half, or it is metal that mirrors sky
@@ -106,8 +124,8 @@ def _sky_clusters(cube, library, spectra, pick, row, seed):
         of_sky = high > max(least, MISSING_RATIO * high.max())
         sky = of_sky[fit.labels_]
         if _lies_above(sky, row):
-            return fit, of_sky
-    return fit, np.zeros_like(of_sky)
+            return of_sky
+    return np.zeros_like(of_sky)
 
 
 def _lies_above(sky, row):
@@ -134,33 +152,47 @@ class _Skies:
     bodies, materials."""
 
     def __init__(self, cube, library, spectra, pixels):
-        self.w, self.spectra = cube.wavelength_um, spectra
-        self.nodes = cube.nodes_um
+        n = _narrow(cube.wavelength_um)
+        joined = lambda a: a[..., : cube.bands // n * n].reshape(*a.shape[:-1], -1, n).mean(axis=-1)
+        self.w, self.spectra, pixels = map(joined, (cube.wavelength_um, spectra, pixels))
+        self.nodes = cube.nodes_um[: len(self.w) * n].reshape(len(self.w), -1)
         self.per_kelvin = planck_derivative(self.w, 300.0)
         kelvin = brightness_temperature(self.w, pixels).mean(axis=1)
         self.scene_k = np.quantile(kelvin, OF_SCENE)
-        self.grey = np.tile(np.linspace(0.02, 1, 60)[:, None], cube.bands)
-        self.opacity = self._of_library(library)
-        self.solids = self.mirrored = np.zeros((0, cube.bands))
-        if cube.bands >= TELLING:
-            self.opacity = np.concatenate([self.opacity, *self._of_air(MASSES)])
+        self.grey = np.tile(np.linspace(0.02, 1, 60)[:, None], len(self.w))
+        self.library = library
+        self.solids = self.mirrored = np.zeros((0, len(self.w)))
+        if len(self.w) >= TELLING:
             e = library.at(self.nodes).mean(axis=-1)
             self.solids = e[~library.is_sky & (e.mean(axis=-1) > SOLID)]
             self.mirrored = self._mirrored()
 
-    def missing(self):
-        """(n,) how far below B(T_air) each falls in its clearest band, 0..1; 0 if it is no sky."""
-        missing, over_grey = np.array([self._missing(s) for s in self.spectra]).T
+    def clear(self):
+        """(skies, bands) share of B(T_air) of clear skies."""
+        of_library = self._of_library()
+        if self.w.size < TELLING:
+            return of_library
+        return np.concatenate([of_library, *self._of_air(MASSES)])
+
+    def overcast(self):
+        """(skies, bands) the same of skies with a cloud."""
+        skies = [self._of_air(MASSES[::2], km) for km in BASES_KM]
+        return np.concatenate(skies).reshape(-1, self.w.size)
+
+    def missing(self, opacity, most=math.inf):
+        """(n,) how far below B(T_air) each falls in its clearest band, 0..1; 0 if it is no sky of
+        such opacity (skies, bands), or its misfit is more than most of the best grey body's."""
+        missing, over_grey = np.array([self._missing(s, opacity) for s in self.spectra]).T
         best = over_grey.min(where=missing > 0, initial=np.inf)
-        missing[over_grey > max(CLOSE, TIMES_BEST * best)] = 0.0
+        missing[over_grey > min(most, max(CLOSE, TIMES_BEST * best))] = 0.0
         return missing
 
-    def _missing(self, s):
+    def _missing(self, s, opacity):
         """The same of one, and the misfit of its best sky over that of its best grey body."""
         t = brightness_temperature(self.w, s).max()
         glow = planck(self.w, np.linspace(t - 2, max(t + 12, self.scene_k), 40)[:, None])
-        of_skies = self._misfit(-s, glow, self.opacity)
-        sky, clearest = of_skies.min(), self.opacity[of_skies.argmin()].min()
+        of_skies = self._misfit(-s, glow, opacity)
+        sky, clearest = of_skies.min(), opacity[of_skies.argmin()].min()
         if self.w.size >= TELLING:
             grey = self._misfit(-s, glow, self.grey).min()
             unlike = grey > UNLIKE_GREY_K
@@ -178,17 +210,18 @@ class _Skies:
         square = (a * a).sum(axis=-1)[..., None] + 2 * (a * b) @ c.T + (b * b) @ (c * c).T
         return np.sqrt(np.maximum(square.min(axis=0), 0) / self.w.size)
 
-    def _of_library(self, library):
+    def _of_library(self):
         """(AIR_MASSES, bands) share of B(T_air) of the library's sky; a wide band may hold a strong
         line and yet be clear."""
-        transmittance = 1 - library.at(self.nodes)[library.sky_index]
+        transmittance = 1 - self.library.at(self.nodes)[self.library.sky_index]
         return 1 - (transmittance ** AIR_MASSES[:, None, None]).mean(axis=-1)
 
-    def _of_air(self, masses):
-        """(HUMIDITIES, masses, bands) the same of air as warm as the scene."""
+    def _of_air(self, masses, cloud_base_km=math.inf):
+        """(HUMIDITIES, masses, bands) the same of air as warm as the scene, below any cloud."""
         skies = []
         for humidity in HUMIDITIES:
             air = usual_atmosphere(self.scene_k, humidity)
+            air = replace(air, cloud_base_km=cloud_base_km)
             radiance = band_means(lambda w, air=air: sky_along(w, masses, air), self.nodes)
             skies.append(radiance / planck(self.nodes, air.air_temperature_k).mean(axis=-1))
         return np.array(skies)
@@ -200,6 +233,14 @@ class _Skies:
         skies = (1 - share + share * self._of_air(MIRRORED_MASSES)) * of_scene
         even = planck(self.w, self.scene_k + MIRRORED_K[:, None])
         return np.concatenate([skies.reshape(-1, len(self.w)), even])
+
+
+def _narrow(wavelength_um):
+    """How many neighbouring bands are to be taken for one, lest they show single lines."""
+    if len(wavelength_um) < 2:
+        return 1
+    apart = np.median(-np.diff(1e4 / wavelength_um))
+    return math.ceil(SMOOTH_CM / apart) if apart < NARROW_CM else 1
 
 
 def _mirrors(like, fit, cube, pick, row):

@@ -215,3 +215,27 @@ def test_it_is_said(tmp_path, capsys):
     assert "none in view: a usual clear one is assumed" in text
     assert result["k_chosen"] and f"k = {result['k']}, chosen" in text
     assert arrays["sky"].tolist() == [0]
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+def test_what_few_bands_show_of_another_sky_is_no_gain(method):
+    """Downwelling of line by line another model in seven bands, of which ours knows nothing."""
+    w, width = np.array([8.2, 8.7, 9.1, 9.6, 10.6, 11.3, 12.1]), np.full(7, 0.4)
+    sky = np.array([2.352, 1.470, 1.761, 2.562, 2.167, 2.255, 2.810])
+    rng = np.random.default_rng(0)
+    fields = lambda values: values.repeat(6, axis=0).repeat(6, axis=1)
+    seen = [LIBRARY.index(n) for n in ("grass", "soil", "asphalt", "concrete", "water", "foliage")]
+    material = fields(np.array(seen)[rng.integers(6, size=(8, 12))])
+    t = 292 + fields(rng.normal(0, 2, (8, 12)))
+    t += rng.normal(0, 0.5, t.shape)
+    v = rng.uniform(0.6, 1, t.shape)[..., None]
+    fine_um = quadrature(w, width)
+    e = LIBRARY.at(fine_um)[material]
+    glow = (e * planck(fine_um, t[..., None, None])).mean(axis=-1)
+    s = glow + (1 - e.mean(axis=-1)) * (v * sky + (1 - v) * planck(w, t.mean()))
+    s += noise_sigma(w, 0.05) * rng.standard_normal(s.shape)
+    d = decompose(HeatCube(np.moveaxis(s, -1, 0), w, width, 0.05), method=method)
+    off = np.abs(d.temperature_k - t)
+    assert d.sky_assumed and d.gain == 1
+    assert off.mean() < 1 and (off < 2 * d.temperature_sigma_k).mean() > 0.9
+    assert np.median(d.temperature_sigma_k) < 2  # 6 K, where a gain was suspected

@@ -205,6 +205,13 @@ def test_the_scale_factor_divides(tmp_path):
     assert "divided by the reflectance scale factor 10000" in note
 
 
+def test_another_factor_is_named_and_not_applied(tmp_path):
+    path = envi(tmp_path / "a", S, kind=5, radiance_scale_factor=10)
+    cube, note = import_cube(path, "W/m2/sr/um")
+    check_same(cube)
+    assert "radiance scale factor 10 not applied" in note
+
+
 def test_bands_without_a_measurement_stay_dead(tmp_path, in_parts):
     """So that decompose finds them and names them."""
     for interleave in ("bsq", "bip"):

@@ -254,6 +254,7 @@ HEAD = "wavelength_um,sky\n"
         (HEAD + "8,5\n9,cold\n", "line 3"),
         (HEAD + "8,5\n\n9\n", "line 4"),
         (HEAD + "8,5\n9,nan\n", "line 3"),
+        (HEAD + "8,5\n9,\n", "has no number for sky; every column must have one"),
         ("wavelength_um;sky\n8,5;5\n", "with a decimal point"),
         ("wavelength_um,sky,\n8,5,\n", "has no name in its header; name it, or, if it is empty"),
         (HEAD + "8,5\n8,6\n14,7\n", "8 um is there twice"),

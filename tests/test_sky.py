@@ -237,7 +237,13 @@ def test_downwelling_flux_is_near_brutsaert(atmosphere):
 
 
 @pytest.mark.parametrize(
-    "field", [dict(air_temperature_k=15.0), dict(water_cm=-1.0), dict(ozone_du=float("nan"))]
+    "field",
+    [
+        dict(air_temperature_k=15.0),
+        dict(water_cm=-1.0),
+        dict(ozone_du=float("nan")),
+        dict(cloud_base_km=51.0),
+    ],
 )
 def test_a_wrong_atmosphere_is_an_input_error(field):
     with pytest.raises(InputError, match=next(iter(field))):

@@ -265,7 +265,10 @@ def finetune(args):
             "Eq. 1 does not tell whether materials got better: compare on a cube with a truth."
         )
     elif after["cross_entropy"] > before["cross_entropy"]:
-        lines.append("Worse than before: keep the model that it started from, or train for longer.")
+        lines.append(
+            "Worse than before, by cross entropy: keep the model that it started from, or train "
+            "for longer."
+        )
     if history["sky"] != "the library's":
         lines.insert(0, f"{args.library} has no sky; the starter library's was used in training.")
     text = "\n".join([*lines, f"{args.out}: the weights."])

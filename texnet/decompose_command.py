@@ -326,7 +326,8 @@ def _of_sky(r):
     elif r["sky_assumed"]:
         yield (
             "Sky          none in view: a usual clear one is assumed, with which the pixels are "
-            "likelier (from above that is right; else is it in the picture, clear, at its top?)"
+            "likelier (from above that is right, once the air below is removed; else is it in the "
+            "picture, clear, at its top?)"
         )
     elif not r["sky_in_view"]:
         yield (

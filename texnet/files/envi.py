@@ -48,6 +48,7 @@ AXES = {
 THERMAL = {"um": (5.0, 20.0), "nm": (5e3, 2e4), "cm-1": (500.0, 2000.0)}
 BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc", ".sli")  # suffixes
 CUBES, LIBRARIES = ("envi", "envi standard"), ("envi spectral library",)  # types of files
+SCALE = "reflectance scale factor"
 UNIT_KEYS = "data units", "radiance data units", "units"
 ABSENT = ("file compression", "major frame offsets", "minor frame offsets")  # or zero
 MOST_HEADER = 1 << 24  # bytes
@@ -215,18 +216,19 @@ def _numbers(header, binary, kinds):
 def _scale(header, bands):
     """(gain, offset, words) per band."""
     gain, offset = (header.numbers(f"data {key} values", bands) for key in ("gain", "offset"))
-    factor = header.numbers("reflectance scale factor", 1)
+    factor = header.numbers(SCALE, 1)
     if factor is None or factor[0] == 1:
         words = ["data gain and offset values applied"] * (gain is not None or offset is not None)
     elif gain is not None or offset is not None:
         raise header.error(
-            "there are data gain or offset values and a reflectance scale factor; leave in what "
-            "makes radiance"
+            f"there are data gain or offset values and a {SCALE}; leave in what makes radiance"
         )
     elif factor[0] == 0:
-        raise header.error("reflectance scale factor must not be 0")
+        raise header.error(f"{SCALE} must not be 0")
     else:
-        gain, words = 1 / factor[0], [f"divided by the reflectance scale factor {factor[0]:g}"]
+        gain, words = 1 / factor[0], [f"divided by the {SCALE} {factor[0]:g}"]
+    others = [key for key in header.fields if key.endswith("scale factor") and key != SCALE]
+    words += [f"{key} {header.fields[key][:60]} not applied" for key in others]
     return 1.0 if gain is None else gain, 0.0 if offset is None else offset, words
 
 

@@ -46,6 +46,12 @@ def read_table(path, what, column):
     values = []
     for line, cells in rows[1:]:
         values.append([number(cell) for cell in cells])
+        if "" in cells and len(cells) == len(names) + 1:
+            empty = rows[0][1][cells.index("")]
+            raise InputError(
+                f"{what}: line {line} of {path} has no number for {empty}; every column must have "
+                "one in every line: leave out the line, or the column."
+            )
         if len(cells) != len(names) + 1 or None in values[-1]:
             raise InputError(
                 f"{what}: line {line} of {path} must hold {len(names) + 1} numbers, as many as the "
