@@ -6,7 +6,7 @@ contrast     Eq. 7: what the contrast of a thermal image is made of
 bands        bands of finite width
 cube         a package: HeatCube, and what its own pixels say of it
 library      MaterialLibrary (starter: how the shipped one is built from optical constants)
-sky          the spectrum of a clear sky
+sky          the spectrum of the sky
 air          the air between scene and camera
 overhead     the sky overhead, from the sky in view
 environment  Environment: the k objects that light a scene

@@ -94,6 +94,11 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
             "library: no sky was found in the cube, and where all is about as warm as its "
             "surroundings emissivity cannot be told from temperature; take a library of others."
         )
+    if sample.overcast:
+        raise InputError(
+            "library: the sky in the cube is overcast, and in its light materials look alike; take "
+            "a cube under a clear sky, or a library of others."
+        )
     if np.count_nonzero(~sky) < MIN_PIXELS:
         raise InputError(f"library: the cube has fewer than {MIN_PIXELS} pixels beside the sky.")
     environment = sample.environment(USUAL_OBJECTS)

@@ -15,8 +15,8 @@ MOST_OBJECTS = 10
 FAR_K = 100.0  # from the cube: in other units
 FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
 WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance
-# colder than the scene, and if it were per cm-1 within as many K of it, or, of sky alone, colder by
-# less than that: it is per cm-1
+# an environment that is COLD_SKY_K colder than the scene, and if it were per cm-1 within NEAR_K of
+# it, is per cm-1; sky alone also if it were colder then by less than COLD_SKY_K
 COLD_SKY_K, NEAR_K = 110.0, 30.0
 SMOOTH_UM, SMALL = 0.5, 0.003  # of errors of curves; of the largest of them, and left out
 

@@ -31,7 +31,7 @@ from .cube.saturation import saturated
 from .environment import Environment
 from .errors import InputError
 from .machinery.blas import no_blas_threads
-from .overhead import air_temperature, overhead
+from .overhead import air_temperature, overhead, seen_sky
 from .planck import brightness_temperature
 from .sky import HUMIDITY, sky_radiance, usual_atmosphere
 from .sky_in_view import clusters, sky_in_view
@@ -102,8 +102,7 @@ def objects_completed(environment):
 class Sample:
     """Pixels of a HeatCube that environments of any k are estimated from: spectra (n, bands) in
     noise units, row (n,) how far down its column each lies, 0..1, sky (n,) which of them are sky,
-    and inner (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have;
-    and whether it is overcast.
+    and inner (n,) which of these have sky all around; all that are sky, if fewer than ENOUGH have.
 
     split is that of the cube (`cube.hot`), if it was made already. Raises InputError for a band
     without light.
@@ -125,18 +124,21 @@ class Sample:
         order = np.argsort(spectra.mean(axis=1), kind="stable")
         self.spectra, pick = spectra[order], pick[order]
         self.row = _row(cube.dead, pick)
-        self.sky = self.inner = np.zeros(len(pick), bool)
-        self.overcast = False
+        self.sky, self.inner, self._seen = *np.zeros((2, len(pick)), bool), None
         self._others = cache(self._clustered)  # of one number under many skies
         if library.sky_index is None:
             return
         of = self.cube, library, self.spectra, pick, self.row, seed
-        self.sky, self.inner, self.overcast = sky_in_view(*of)
+        self.sky, self.inner = sky_in_view(*of)
+        self._seen = self._clearest()
+        if self.overcast:
+            self.sky, self.inner = sky_in_view(*of, overcast=True)
+            self._seen = self._clearest()
 
     def without_sky(self):
         """The same Sample if no pixel is sky."""
         other = copy(self)
-        other.sky = other.inner = np.zeros_like(self.sky)
+        other.sky, other.inner, other._seen = *np.zeros((2, len(self.sky)), bool), None
         other._others = cache(other._clustered)
         return other
 
@@ -144,6 +146,11 @@ class Sample:
     def may_assume_sky(self):
         """Whether one can be: the library has a sky, of which there is none in view."""
         return self.library.sky_index is not None and not self.sky.any()
+
+    @property
+    def overcast(self):
+        """Whether what is sky is a cloud."""
+        return self._seen is not None and self._seen.overcast
 
     def usual_air(self):
         """Atmosphere that is about as warm as the scene, as what it looks in its warmest bands."""
@@ -198,6 +205,16 @@ class Sample:
     def _skies_overhead(self, k):
         """The sky's objects among k and their deviations, (n, bands) each, from the sky in view;
         and the objects within each band."""
+        cube, shares = self.cube, SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]
+        skies, within = overhead(cube.wavelength_um, cube.nodes_um, self._seen, shares)
+        mean = skies.mean(axis=0)
+        deviations = (skies - mean) / cube.sigma
+        return mean / cube.sigma, deviations.reshape(-1, cube.bands), within
+
+    def _clearest(self):
+        """The SeenSky of the clearest sky in view; None if there is none."""
+        if not self.sky.any():
+            return None
         cube, w = self.cube, self.cube.wavelength_um
         row = self.row[self.inner]
         inner = self.spectra[self.inner][row <= np.median(row)]
@@ -205,11 +222,7 @@ class Sample:
         seen = visible[cold <= np.quantile(cold, CLEAREST)].mean(axis=0)
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
         air = air_temperature(w, cube.nodes_um, visible, seen, scene_k)
-        shares = SKY_OBJECTS[min(k - 1, len(SKY_OBJECTS) - 1)]
-        skies, within = overhead(w, cube.nodes_um, cube.sigma, seen, *air, shares, self.overcast)
-        mean = skies.mean(axis=0)
-        deviations = (skies - mean) / cube.sigma
-        return mean / cube.sigma, deviations.reshape(-1, cube.bands), within
+        return seen_sky(w, cube.nodes_um, cube.sigma, seen, *air)
 
     def _assumed_sky(self, air):
         """The same of a sky that is not in view, which is one object, of an Atmosphere."""

@@ -4,6 +4,8 @@ A camera sees the part of the sky near the horizon; a surface is lit from overhe
 air. Of the clearest sky in view air temperature, vapour, ozone and air mass are found by
 Gauss-Newton steps on `physics.sky`, with what is usual as Gaussian priors: the amount of carbon
 dioxide is known, so its flanks tell the air mass, and the windows then how much vapour there is.
+Where a cloud behind that air explains the sky by far better, its base is a fifth unknown (tau then
+is that of a layer as warm as the air that would look the same).
 What is left, the sky in view has in common with the sky overhead: a band's optical depth tau is
 taken to be so many times as much as the model's, at all air masses alike, as far as the spectrum
 tells tau (of an opaque band it does not). With that a sky at air mass a radiates
@@ -29,7 +31,11 @@ OPAQUE_QUANTILE = 0.95  # of the visible sky's pixels, by which the air's temper
 AIR_DOUBT_K, EXCESS_DOUBT, SCENE_DOUBT_K = 2.0, 0.5, 8.0
 MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT, BASE_DOUBT = 0.7, 0.7, 0.25, 0.5  # of their logarithms
 USUAL_MASS = 8.0  # of the clearest sky in view
-USUAL_BASE_KM = 2.5  # of a cloud that is known as sky
+USUAL_BASE_KM = 2.5  # of a cloud
+# of the least sum of squares: what a cloud must be ahead by, and leave at most. On scenes used for
+# tuning with 9 and 54 bands clear skies leave 2 to 4, and 90 and more with a cloud; clouds 2 to 7
+# km high 15 to 182 without and 0.5 to 8 with one
+CLOUDY, CLOUDY_SHARE = 10.0, 0.5
 GLOW_ERROR_K, DEPTH_ERROR = 0.5, 0.1  # of the model's B(T_air), and of its optical depth, relative
 # of Gauss-Newton, at most, and their lengths in standard deviations of the priors; halved while
 # they lead uphill, as they may where the sky is nearly opaque
@@ -49,44 +55,75 @@ class _Air(NamedTuple):
     cloud_base: float = math.inf
 
     def atmosphere(self):
-        base_km = float(np.exp(self.cloud_base))
+        base_km = min(float(np.exp(self.cloud_base)), HIGHEST_CLOUD_KM)
         return Atmosphere(
             float(np.clip(self.temperature_k, 220, 330)),
             float(min(np.exp(self.water), MOST_WATER_CM)), float(min(np.exp(self.ozone), 1000)),
-            cloud_base_km=min(base_km, HIGHEST_CLOUD_KM) if base_km < math.inf else math.inf,
+            cloud_base_km=math.inf if self.cloud_base == math.inf else base_km,
         )  # fmt: skip
 
 
-def overhead(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k, shares, overcast=False):
-    """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely; and the model's own
-    (shares, bands, n) at the nodes of each band.
+class SeenSky(NamedTuple):
+    """What is found of the clearest sky in view, seen (bands,): its _Air is at mean + scale x, x
+    having a covariance, spread spread'; and whether it is overcast."""
+
+    seen: np.ndarray
+    mean: np.ndarray
+    scale: np.ndarray
+    x: np.ndarray
+    spread: np.ndarray
+
+    @property
+    def overcast(self):
+        return len(self.x) == len(_Air._fields)
+
+    def air(self, x):
+        """The _Air at other x."""
+        return _Air(*(self.mean + self.scale * x))
+
+
+def seen_sky(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k):
+    """The SeenSky that is likeliest: clear, unless with a cloud it is by far.
 
     wavelength_um, nodes_um  (bands,) and (bands, n) um, as a HeatCube has them
     noise, seen             (bands,) standard deviation and spectrum of the clearest sky in view
     air_k, air_doubt_k      K of the air, and its standard deviation (`air_temperature`)
-    shares                  of the way to the zenith, by the logarithm of the air mass: 0 is the sky
-                            in view, 1 the zenith
-    overcast                whether all of it is one cloud
     """
-    usual, n = usual_atmosphere(air_k), 4 + overcast
-    mean = np.array([
-        air_k, *np.log([USUAL_MASS, usual.water_cm, usual.ozone_du, USUAL_BASE_KM])
-    ])[:n]  # fmt: skip
-    scale = np.array([air_doubt_k, MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT, BASE_DOUBT])[:n]
-
-    def model(x, shares=(0.0,)):
-        air = _Air(*(mean + scale * x))
-        return air.temperature_k, _skies(nodes_um, air, np.asarray(shares)).mean(axis=-1)
+    of_air = usual_atmosphere(air_k)
+    usual = np.log([USUAL_MASS, of_air.water_cm, of_air.ozone_du, USUAL_BASE_KM])
+    mean = np.array([air_k, *usual])
+    scale = np.array([air_doubt_k, MASS_DOUBT, WATER_DOUBT, OZONE_DOUBT, BASE_DOUBT])
 
     def deviation(x):
         """Of the model from the sky in view, in standard deviations of either."""
-        of_air, (sky,) = model(x)
-        return (sky - seen) / _error(wavelength_um, seen, noise, of_air)
+        air = _Air(*(mean[: len(x)] + scale[: len(x)] * x))
+        sky = _skies(nodes_um, air, np.zeros(1))[0].mean(axis=-1)
+        return (sky - seen) / _error(wavelength_um, seen, noise, air.temperature_k)
 
-    x, spread = _most_likely(deviation, len(mean))
-    points = x + len(mean) ** 0.5 * np.concatenate([spread.T, -spread.T])
-    skies = [_through(wavelength_um, seen, *model(p, (0.0, *shares))) for p in points]
-    return np.array(skies), _skies(nodes_um, _Air(*(mean + scale * x)), np.asarray(shares))
+    (clear, *of_clear), (cloudy, *of_cloud) = (_most_likely(deviation, n) for n in (4, 5))
+    overcast = cloudy < min(clear - CLOUDY, CLOUDY_SHARE * clear)
+    n, found = (5, of_cloud) if overcast else (4, of_clear)
+    return SeenSky(seen, mean[:n], scale[:n], *found)
+
+
+def overhead(wavelength_um, nodes_um, sky, shares):
+    """Skies (sigma points, shares, bands), W m-2 sr-1 um-1, equally likely, from a SeenSky; and
+    the model's own (shares, bands, n) at the nodes of each band.
+
+    wavelength_um, nodes_um  (bands,) and (bands, n) um, as a HeatCube has them
+    shares  of the way to the zenith, by the logarithm of the air mass: 0 is the sky in view, 1 the
+            zenith
+    """
+    n, shares = len(sky.x), np.asarray(shares)
+    points = sky.x + n**0.5 * np.concatenate([sky.spread.T, -sky.spread.T])
+    from_view = np.array([0.0, *shares])
+
+    def through(air):
+        own = _skies(nodes_um, air, from_view).mean(axis=-1)
+        return _through(wavelength_um, sky.seen, air.temperature_k, own)
+
+    skies = [through(sky.air(p)) for p in points]
+    return np.array(skies), _skies(nodes_um, sky.air(sky.x), shares)
 
 
 def _skies(nodes, air, shares):
@@ -104,7 +141,7 @@ def _error(wavelength_um, seen, noise, air_k):
 
 
 def _most_likely(deviation, n):
-    """x (n,) of the least |deviation|^2 + |x|^2, and the square root (n, n) of its covariance."""
+    """The least |deviation|^2 + |x|^2, its x (n,) and the square root (n, n) of its covariance."""
     x, at = np.zeros(n), deviation(np.zeros(n))
     for _ in range(STEPS):
         slope = np.stack(
@@ -123,7 +160,7 @@ def _most_likely(deviation, n):
             break
         if np.linalg.norm(step) < SHORTEST:
             break
-    return x, np.linalg.cholesky(np.linalg.inv(precision))
+    return at @ at + x @ x, x, np.linalg.cholesky(np.linalg.inv(precision))
 
 
 def _through(wavelength_um, seen, air_k, skies):

@@ -81,15 +81,20 @@ class Atmosphere:
             ("water_cm", "cm", 0, MOST_WATER_CM),
             ("ozone_du", "DU", 0, 1000),
             ("co2_ppm", "ppm", 0, 10000),
-            ("cloud_base_km", "km", 0, HIGHEST_CLOUD_KM),
         ):
             value = getattr(self, name)
-            if not low <= value <= high and not (name == "cloud_base_km" and value == math.inf):
+            if not low <= value <= high:
                 raise InputError(f"atmosphere: {name} must be {low}-{high} {unit}, got {value}.")
+        if not 0 <= self.cloud_base_km <= HIGHEST_CLOUD_KM and self.cloud_base_km != math.inf:
+            raise InputError(
+                f"atmosphere: cloud_base_km must be 0-{HIGHEST_CLOUD_KM:g} km, or infinity for "
+                f"none, got {self.cloud_base_km}."
+            )
 
 
 def zenith_optical_depth(wavelength_um, atmosphere):
-    """(n,) optical depth of the whole atmosphere towards the zenith, at wavelengths in um."""
+    """(n,) optical depth of the whole atmosphere towards the zenith, be there a cloud or not, at
+    wavelengths in um."""
     w = check_wavelength(wavelength_um, "sky")
     return _optical_depth(w, np.ones((1, LAYERS)), _profile(atmosphere))[0, -1]
 

@@ -20,6 +20,7 @@ Spectra are in units of the noise; misfits in K at 300 K.
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from sklearn.cluster import KMeans
@@ -38,15 +39,16 @@ CLUSTERS = 12
 SKY_OVER_GREY, UNLIKE_GREY_K, SKY_OVER_GREY_OF_UNLIKE = 0.5, 8.0, 0.8
 CLOSE, TIMES_BEST = 0.4, 4.0
 # cm-1 between bands below which they show lines of water vapour that no sky here has (`sky` is
-# smooth over 20 cm-1): neighbours are then joined until they are so far apart
-NARROW_CM, SMOOTH_CM = 8.5, 15.0
+# smooth over 20 cm-1): neighbours are then joined until they are so far apart, unless fewer than so
+# many would be left
+NARROW_CM, SMOOTH_CM, LEAST_JOINED = 8.5, 15.0, 12
 AIR_MASSES = np.geomspace(0.1, 40, 60)  # of the library's sky, one for all gases here
 # of skies by `sky`: vapour over what air that warm can hold, and air masses
 HUMIDITIES, MASSES = (0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3), np.geomspace(1, 38, 24)
 # of overcast skies, which are looked for where no clear one is: leaves before a clear sky look much
 # like them, and on scenes of no split metal that mirrors it (its misfit is 0.16 and more of that of
 # the best grey body, a cloud's less than 0.2). Lower clouds look like any cold wall
-BASES_KM, OVERCAST_OVER_GREY = (2.0, 4.0), 0.25
+BASES_KM, OVERCAST_OVER_GREY = (2.0, 4.0, 7.0), 0.25
 OF_SCENE = 0.9  # of the pixels look colder than the scene: sky may fill most of the picture
 TELLING = 3  # bands, at least: two cannot tell a sky from anything else
 SOLID = 0.5  # e in the mean of what mirrors little; what mirrors more may show the sky itself
@@ -77,38 +79,39 @@ ENOUGH = 30  # pixels with sky all around, to tell the sky overhead from them al
 
 
 @no_blas_threads()
-def sky_in_view(cube, library, spectra, pick, row, seed):
+def sky_in_view(cube, library, spectra, pick, row, seed, overcast=False):
     """(n,) bool each: which pixels are sky, and which of these have sky all around, or all of them
-    if fewer than ENOUGH have; and whether it is overcast.
+    if fewer than ENOUGH have. Clear sky, or, where there is none, or if it is known to be overcast,
+    a cloudy one.
 
     spectra (n, bands)  of pixels (n,) of the cube, by their index pick, in noise units
     row     (n,)        how far down the measured part of its column each lies, 0..1
     """
-    fit, of_sky, overcast = _sky_clusters(cube, library, spectra, pick, row, seed)
+    fit, of_sky = _sky_clusters(cube, library, spectra, pick, row, seed, overcast)
     sky = of_sky[fit.labels_]
     inner = sky.copy()
     if sky.any():
         amid = _amid(of_sky, fit, cube, pick[sky])
         if amid.sum() >= ENOUGH:
             inner[sky] = amid
-    return sky, inner, overcast
+    return sky, inner
 
 
-def _sky_clusters(cube, library, spectra, pick, row, seed):
-    """Clusters of the whitened spectra of the picked pixels, (clusters,) which are sky, and whether
-    it is overcast."""
+def _sky_clusters(cube, library, spectra, pick, row, seed, overcast):
+    """Clusters of the whitened spectra of the picked pixels, and (clusters,) which are sky."""
     fit = clusters(spectra, CLUSTERS, 1, seed)
     skies = _Skies(cube, library, fit.cluster_centers_ * cube.sigma, spectra * cube.sigma)
-    of_sky = _in_view(skies.missing(skies.clear()), fit, cube, spectra, pick, row)
-    if of_sky.any() or cube.bands < TELLING:
-        return fit, of_sky, False
-    missing = skies.missing(skies.overcast(), OVERCAST_OVER_GREY)
-    of_sky = _in_view(missing, fit, cube, spectra, pick, row)
-    return fit, of_sky, bool(of_sky.any())
+    above = partial(_in_view, fit=fit, cube=cube, spectra=spectra, pick=pick, row=row)
+    clear = above(skies.missing(skies.clear()))
+    if clear.any() and not overcast or cube.bands < TELLING:
+        return fit, clear
+    cloudy = above(skies.missing(skies.overcast(), OVERCAST_OVER_GREY))
+    return fit, max(clear, cloudy, key=lambda of_sky: of_sky[fit.labels_].sum())
 
 
 def _in_view(missing, fit, cube, spectra, pick, row):
-    """(clusters,) bool: which are sky, of how far below B(T_air) each falls, 0 if like none."""
+    """(clusters,) bool: which are sky, given how far below B(T_air) they fall, missing (clusters,),
+    0 if they are like none, which is overwritten."""
     height = np.array([row[fit.labels_ == c].mean() for c in range(len(missing))])
     least = MISSING_OF_FEW.get(cube.bands, MISSING)
     missing[_mirrors(missing > least, fit, cube, pick, row)] = 0.0
@@ -152,10 +155,8 @@ class _Skies:
     bodies, materials."""
 
     def __init__(self, cube, library, spectra, pixels):
-        n = _narrow(cube.wavelength_um)
-        joined = lambda a: a[..., : cube.bands // n * n].reshape(*a.shape[:-1], -1, n).mean(axis=-1)
-        self.w, self.spectra, pixels = map(joined, (cube.wavelength_um, spectra, pixels))
-        self.nodes = cube.nodes_um[: len(self.w) * n].reshape(len(self.w), -1)
+        self.join, self.nodes = _joined(cube.wavelength_um), cube.nodes_um
+        self.w, self.spectra, pixels = map(self.join, (cube.wavelength_um, spectra, pixels))
         self.per_kelvin = planck_derivative(self.w, 300.0)
         kelvin = brightness_temperature(self.w, pixels).mean(axis=1)
         self.scene_k = np.quantile(kelvin, OF_SCENE)
@@ -163,7 +164,7 @@ class _Skies:
         self.library = library
         self.solids = self.mirrored = np.zeros((0, len(self.w)))
         if len(self.w) >= TELLING:
-            e = library.at(self.nodes).mean(axis=-1)
+            e = self.join(library.at(self.nodes).mean(axis=-1))
             self.solids = e[~library.is_sky & (e.mean(axis=-1) > SOLID)]
             self.mirrored = self._mirrored()
 
@@ -214,7 +215,7 @@ class _Skies:
         """(AIR_MASSES, bands) share of B(T_air) of the library's sky; a wide band may hold a strong
         line and yet be clear."""
         transmittance = 1 - self.library.at(self.nodes)[self.library.sky_index]
-        return 1 - (transmittance ** AIR_MASSES[:, None, None]).mean(axis=-1)
+        return 1 - self.join((transmittance ** AIR_MASSES[:, None, None]).mean(axis=-1))
 
     def _of_air(self, masses, cloud_base_km=math.inf):
         """(HUMIDITIES, masses, bands) the same of air as warm as the scene, below any cloud."""
@@ -223,7 +224,8 @@ class _Skies:
             air = usual_atmosphere(self.scene_k, humidity)
             air = replace(air, cloud_base_km=cloud_base_km)
             radiance = band_means(lambda w, air=air: sky_along(w, masses, air), self.nodes)
-            skies.append(radiance / planck(self.nodes, air.air_temperature_k).mean(axis=-1))
+            glow = planck(self.nodes, air.air_temperature_k).mean(axis=-1)
+            skies.append(self.join(radiance) / self.join(glow))
         return np.array(skies)
 
     def _mirrored(self):
@@ -235,12 +237,19 @@ class _Skies:
         return np.concatenate([skies.reshape(-1, len(self.w)), even])
 
 
-def _narrow(wavelength_um):
-    """How many neighbouring bands are to be taken for one, lest they show single lines."""
-    if len(wavelength_um) < 2:
-        return 1
-    apart = np.median(-np.diff(1e4 / wavelength_um))
-    return math.ceil(SMOOTH_CM / apart) if apart < NARROW_CM else 1
+def _joined(wavelength_um):
+    """What takes (..., bands) to means of neighbours, of as many as show no single lines."""
+    nu = 1e4 / wavelength_um
+    if len(nu) < 2 or np.median(-np.diff(nu)) >= NARROW_CM:
+        return lambda a: a
+    first = [0]
+    for i in range(1, len(nu)):
+        if nu[first[-1]] - nu[i] >= SMOOTH_CM:
+            first.append(i)
+    if len(first) < LEAST_JOINED:
+        return lambda a: a
+    many = np.diff([*first, len(nu)])
+    return lambda a: np.add.reduceat(a, first, axis=-1) / many
 
 
 def _mirrors(like, fit, cube, pick, row):

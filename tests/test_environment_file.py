@@ -301,6 +301,15 @@ def test_a_dry_sky_alone_may_be_far_colder_than_the_scene():
             wrong.check(cube)
 
 
+def test_a_sky_per_cm_may_be_far_colder_than_the_scene_too():
+    w = np.linspace(8.0, 13.0, 36)
+    cube = HeatCube(np.broadcast_to(planck(w, 292.0)[:, None, None], (36, 8, 9)), w, netd_k=0.05)
+    sky = planck(w, np.array([[245.0]]))
+    Environment(sky, w, sky=(0,)).check(cube)
+    with pytest.raises(InputError, match="if it is per cm-1"):
+        Environment(sky * w**2 / 1e4, w, sky=(0,)).check(cube)
+
+
 def test_wrong_places_and_options(capfd, files):
     fine = table(files / "fine.csv")
     assert "cannot read" in refused(capfd, files, "--environment", files / "gone.csv")

@@ -3,6 +3,7 @@
 import functools
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from traced import names_of, one_thread, scene_of  # noqa: F401
 
 from physics import HeatCube, MaterialLibrary
-from physics.bands import equidistant_bands
+from physics.bands import band_means, equidistant_bands, quadrature
+from physics.blind import library_from_cube
+from physics.errors import InputError
 from physics.estimate import Sample
-from physics.planck import planck
+from physics.planck import noise_sigma, planck, planck_derivative
 from physics.simulator import trace_scene
 from physics.sky import LAPSE_K_KM, Atmosphere, level_transmittance, sky_radiance
 from texnet.pipeline import decompose
@@ -73,14 +76,32 @@ def _traced(name):
 
 @pytest.mark.parametrize("name", ["forest", "street", "patches"])
 @pytest.mark.parametrize("bands", [9, 54])
-def test_an_overcast_sky_is_found(name, bands):
-    cube, names, _ = overcast(name, 3.0, bands)
+@pytest.mark.parametrize("base_km", [3.0, 4.0, 7.0])
+def test_an_overcast_sky_is_found(name, bands, base_km):
+    cube, names, _ = overcast(name, base_km, bands)
     d = decompose(cube, method="local")
     found, sky = names_of(d) == "sky", names == "sky"
     inner, outer = binary_erosion(sky, np.ones((3, 3))), ~binary_dilation(sky, np.ones((3, 3)))
     assert inner.sum() > 50
-    assert found[inner].mean() > 0.75 and found[outer].mean() < 0.03
+    assert found[inner].mean() > 0.75 and found[outer].mean() < 0.05
     assert len(d.sky) > 0 and not d.sky_assumed
+
+
+@pytest.mark.parametrize("name", ["forest", "street"])
+@pytest.mark.parametrize(
+    ("base_km", "bands"),
+    [*product((2.0, 4.0, math.inf), (9, 54)), (7.0, 54)],
+)
+def test_the_sky_overhead_is_that_of_the_cloud(name, base_km, bands):
+    cube, *_ = overcast(name, base_km, bands)
+    sample = Sample(cube, LIBRARY)
+    assert sample.overcast == (base_km < math.inf)
+    zenith = sample.environment(5).radiance[0]
+    air = replace(_traced(name).atmosphere, cloud_base_km=base_km)
+    nodes = quadrature(cube.wavelength_um, cube.fwhm_um)
+    (true,) = band_means(lambda w: sky_radiance(w, [1.0], air), nodes)
+    off = (zenith - true) / planck_derivative(cube.wavelength_um, 300.0)
+    assert np.sqrt(np.mean(off**2)) < 4  # 15 K and more with a clear sky's air
 
 
 @pytest.mark.parametrize("name", ["forest", "street"])
@@ -119,3 +140,19 @@ def test_lines_of_the_sky_do_not_hide_it():
     found = Sample(HeatCube(np.moveaxis(s, -1, 0), w, fwhm, 0.1), LIBRARY)
     above = found.row * (rows - 1) < 12 - 0.5
     assert found.sky[above].mean() > 0.8 and found.sky[~above].mean() < 0.02
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 5, 9, 10, 16, 40])
+@pytest.mark.parametrize("apart_cm", [1.0, 4.0])
+def test_few_narrow_bands_of_grey_ground_are_no_sky(bands, apart_cm):
+    w = 1e4 / (1000 - apart_cm * np.arange(bands))
+    rng = np.random.default_rng(0)
+    e, t = rng.uniform(0.85, 1, (30, 40, 1)), rng.normal(288, 3, (30, 40, 1))
+    s = e * planck(w, t) + noise_sigma(w, 0.05) * rng.normal(size=(30, 40, bands))
+    cube = HeatCube(np.moveaxis(s, -1, 0), w, apart_cm * w**2 / 1e4, 0.05)
+    assert not Sample(cube, LIBRARY).sky.any()
+
+
+def test_no_library_is_made_below_a_cloud():
+    with pytest.raises(InputError, match="the sky in the cube is overcast"):
+        library_from_cube(overcast("forest", 3.0)[0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physics.bands import at_nodes, band_means, equidistant_bands, quadrature
-from physics.overhead import _through, air_temperature, overhead
+from physics.overhead import _through, air_temperature, overhead, seen_sky
 from physics.planck import noise_sigma, planck, planck_derivative
 from physics.sky import Atmosphere, sky_along
 
@@ -19,11 +19,16 @@ def sky_at(bands, atmosphere, mass):
     return w, fwhm, noise_sigma(w, 0.05), s
 
 
+def overhead_of(w, nodes, noise, seen, air_k, air_doubt_k, shares):
+    sky = seen_sky(w, nodes, noise, seen, air_k, air_doubt_k)
+    return overhead(w, nodes, sky, shares)
+
+
 def found(w, fwhm, noise, seen, scene_k, shares=SHARES):
     """Mean and covariance, by objects, of the skies that are found, and K of the air."""
     nodes = quadrature(w, fwhm)
     air = air_temperature(w, nodes, seen[None], seen, scene_k)
-    skies = overhead(w, nodes, noise, seen, *air, shares)[0] / planck_derivative(w, 300.0)
+    skies = overhead_of(w, nodes, noise, seen, *air, shares)[0] / planck_derivative(w, 300.0)
     return skies.mean(axis=0), skies - skies.mean(axis=0)
 
 
@@ -51,7 +56,7 @@ def test_the_zenith_is_that_of_the_air(atmosphere, mass, bands):
 def test_the_sky_in_view_is_what_is_seen(bands):
     w, fwhm, noise, (seen,) = sky_at(bands, AIRS[1], [6.0])
     seen = seen * (1 + 0.02 * np.sin(9 * w))  # which no model has
-    skies = overhead(w, quadrature(w, fwhm), noise, seen, 284.0, 2.0, (0.0,))[0]
+    skies = overhead_of(w, quadrature(w, fwhm), noise, seen, 284.0, 2.0, (0.0,))[0]
     clear = seen / planck(w, 284.0) < 0.8
     np.testing.assert_allclose(skies[:, 0, clear].mean(axis=0), seen[clear], rtol=0.005)
 
@@ -75,7 +80,7 @@ def test_what_a_glow_that_is_off_does_to_optical_depth_is_what_is_doubted(off_k)
 def test_within_wide_bands_it_is_that_of_the_air_too(atmosphere, bands):
     w, fwhm, noise, (zenith, seen) = sky_at(bands, atmosphere, [1.0, 8.0])
     air = air_temperature(w, quadrature(w, fwhm), seen[None], seen, atmosphere.air_temperature_k)
-    (within,) = overhead(w, quadrature(w, fwhm), noise, seen, *air, (1.0,))[1]
+    (within,) = overhead_of(w, quadrature(w, fwhm), noise, seen, *air, (1.0,))[1]
     nodes = quadrature(w, fwhm)
     true = at_nodes(lambda x: sky_along(x, np.array([1.0]), atmosphere), nodes)[0]
     off = within * (zenith / within.mean(axis=-1))[:, None] - true
@@ -85,7 +90,7 @@ def test_within_wide_bands_it_is_that_of_the_air_too(atmosphere, bands):
 
 def test_skies_clear_up_towards_the_zenith():
     w, fwhm, noise, (seen,) = sky_at(54, AIRS[1], [8.0])
-    skies = overhead(w, quadrature(w, fwhm), noise, seen, 284.0, 2.0, np.linspace(0, 1, 5))[0]
+    skies = overhead_of(w, quadrature(w, fwhm), noise, seen, 284.0, 2.0, np.linspace(0, 1, 5))[0]
     assert skies.shape == (8, 5, 54)
     assert (np.diff(skies, axis=1) < 0).all() and (skies > 0).all()
 

@@ -332,7 +332,7 @@ def _of_sky(r):
     elif not r["sky_in_view"]:
         yield (
             f"Sky          none in view: {instead}. Outdoors that is wrong: is the picture upside "
-            "down, the sky cloudy or not in it, the unit another?"
+            "down, a low cloud all over the sky or no sky in it, the unit another?"
         )
     elif not r["sky_objects"]:
         yield f"Sky          no object of k = 1 stands for it: {instead}"

@@ -3,7 +3,8 @@
 Some pixels are asked (`pixels`), in this order:
 
 1. Are the wavelengths off, or is there a gain or an offset of all bands (`one_error`)? If the
-   wavelengths are, all else waits until they are right.
+   wavelengths are, all else waits until they are right. Under a sky that is assumed few bands are
+   not asked.
 2. Do the pixels fit with that gain or offset? If not, do they through air (`air_between`), each
    behind as much of it as is likeliest? Air is also taken if most of what does not fit is gone
    with it, since air absorbs otherwise than ours (`air_error`), or if it makes the pixels likelier
@@ -41,7 +42,7 @@ from .band_gains import band_gains
 from .correction import RIGHT, Calibration, corrected, corrected_environment
 from .curve_error import asked_by_half, likeliest_curves, what_noise_leaves
 from .misfit import fits, just, with_noise
-from .one_error import LEVELS, SUSPECT, losses, one_error, shift_kind
+from .one_error import FEW_UNDER_SKY, LEVELS, SUSPECT, losses, one_error, shift_kind
 from .pixels import LEAST_OBJECTS, SampledPixels, sample
 
 # of the misfit beyond noise, at most, where air is taken out, and where it is suspected: on scenes
@@ -58,10 +59,6 @@ AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
 # were wrong by 2 % and less, 1.04 to 2 where a common material was missing, 1.3 to 6.6 where bands
 # were off
 CURVES_LEAVE, CURVES_ALONE_LEAVE = 1.1, 1.0
-# bands under a sky that is assumed, below which no error of all bands is looked for: a gain would
-# make up for what the true sky is another. Under another model's sky T was off by 0.9 to 1.6 K
-# then in a third of 20 views, and by up to 0.7 K without
-FEW_UNDER_SKY = 20
 OPAQUE_UM = 13.0  # from here on a sky is as warm as the air near the ground
 
 
@@ -81,9 +78,10 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
     sky = bool(environment.sky) and environment.sky_mean is not None
     pixels = SampledPixels(part, environment, library, looks)
     nats_of = pixels.nats_of()
-    kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
     if environment.sky and not sky and cube.bands < FEW_UNDER_SKY:
         kinds = ()
+    else:
+        kinds = LEVELS if moved else (*LEVELS, shift_kind(cube.wavelength_um))
     camera, suspected = one_error(nats_of, sky, kinds)
     if camera.shift_um:
         return camera

@@ -27,7 +27,7 @@ from .band_gains import band_gains
 from .correction import RIGHT
 from .misfit import MORE, fits
 from .nats import NegativeLogEvidence
-from .one_error import GAIN, losses, one_error
+from .one_error import FEW_UNDER_SKY, GAIN, losses, one_error
 from .pixels import LEAST_PIXELS, SampledPixels, sample
 
 # nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less. A few pixels tell less
@@ -127,10 +127,11 @@ class _Skies:
         """Calibration by that gain or those of the bands, found under skies of some airs, by which
         pixels are likeliest."""
         nats = {RIGHT: self.nats(some[0], RIGHT)}
+        of_all = (GAIN,) if self.part.bands >= FEW_UNDER_SKY else ()
         for at in some:
             under, every = self.pixels(at, self.seen), self.pixels(at, None)
             nats_of = NegativeLogEvidence(partial(under.nats, self.look), self.look.at_once)
-            gain, _ = one_error(nats_of, False, (GAIN,))
+            gain, _ = one_error(nats_of, False, of_all)
             bands = band_gains(
                 self.part, every.environment, every.maps, self.library, every.quartile, doubted=True
             )
