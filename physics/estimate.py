@@ -53,6 +53,7 @@ ASSUMED = (
 # of the upper half of the sky in view: what lies lower may be a roof, in which a clearer sky is
 # mirrored than any in view
 CLEAREST = 0.1
+LEAST_CLOUD = 0.02  # of the pixels, to be one: a little that is like sky may be metal
 ERROR_K, ASSUMED_ERROR_K = 0.3, 0.5  # of X beyond all that, and under a sky that is assumed
 BESIDE_SKY = 2  # objects, at least, where the sky was measured
 SKY_SPREAD_SCALE = 2.0  # clusters cut off the sky's tails
@@ -222,7 +223,8 @@ class Sample:
         seen = visible[cold <= np.quantile(cold, CLEAREST)].mean(axis=0)
         scene_k = np.median(brightness_temperature(w, self.spectra * cube.sigma))
         air = air_temperature(w, cube.nodes_um, visible, seen, scene_k)
-        return seen_sky(w, cube.nodes_um, cube.sigma, seen, *air)
+        large = self.sky.mean() >= LEAST_CLOUD
+        return seen_sky(w, cube.nodes_um, cube.sigma, seen, *air, may_be_cloud=large)
 
     def _assumed_sky(self, air):
         """The same of a sky that is not in view, which is one object, of an Atmosphere."""

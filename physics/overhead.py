@@ -82,8 +82,8 @@ class SeenSky(NamedTuple):
         return _Air(*(self.mean + self.scale * x))
 
 
-def seen_sky(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k):
-    """The SeenSky that is likeliest: clear, unless with a cloud it is by far.
+def seen_sky(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k, may_be_cloud=True):
+    """The SeenSky that is likeliest: clear, unless with a cloud, if it may be one, it is by far.
 
     wavelength_um, nodes_um  (bands,) and (bands, n) um, as a HeatCube has them
     noise, seen             (bands,) standard deviation and spectrum of the clearest sky in view
@@ -100,9 +100,11 @@ def seen_sky(wavelength_um, nodes_um, noise, seen, air_k, air_doubt_k):
         sky = _skies(nodes_um, air, np.zeros(1))[0].mean(axis=-1)
         return (sky - seen) / _error(wavelength_um, seen, noise, air.temperature_k)
 
-    (clear, *of_clear), (cloudy, *of_cloud) = (_most_likely(deviation, n) for n in (4, 5))
-    overcast = cloudy < min(clear - CLOUDY, CLOUDY_SHARE * clear)
-    n, found = (5, of_cloud) if overcast else (4, of_clear)
+    n, (clear, *found) = 4, _most_likely(deviation, 4)
+    if may_be_cloud:
+        cloudy, *of_cloud = _most_likely(deviation, 5)
+        if cloudy < min(clear - CLOUDY, CLOUDY_SHARE * clear):
+            n, found = 5, of_cloud
     return SeenSky(seen, mean[:n], scale[:n], *found)
 
 
