@@ -101,16 +101,18 @@ def refine(
     return Refined(t=t, sigma=sigma, lighting=v, energy=energy)
 
 
-def deviations(h: Hypotheses, z, x, hot, t, lighting, usual):
+def deviations(h: Hypotheses, z, x, row, t, lighting, usual):
     """(q - r, P) likeliest coefficients of the deviations, in the order of the rows of F.
 
-    z (d, P) by `components` and x (r, P) by `likeliest` of the hypotheses that are hot (R, P), at
-    t (P,) and lighting (k, P), the usual one being (k,).
+    z (d, P) by `components` and x (r, P) by `likeliest` of the hypotheses row (P,), at t (P,) and
+    lighting (k, P), the usual one being (k,).
     """
     v = (lighting - usual[:, None]) / lighting_scale(lighting.shape[0])
     at = torch.cat([v, hermite(t)[0]])
-    likeliest = _times(of_rows(h.to_deviation, hot), z) + of_rows(h.deviation_0, hot)
-    return likeliest - _times(of_rows(h.sensitivity, hot), at - x)
+    of = torch.cat([h.to_deviation, h.deviation_0[..., None], -h.sensitivity], dim=2)
+    terms = torch.cat([z, torch.ones_like(t[None]), at - x])
+    # each pixel's own matrix: here several times faster than to pick its numbers by `of_rows`
+    return (of[row] @ terms.t()[..., None])[..., 0].t()
 
 
 def _bounded(b, row, step, v, sensitivity, variance):

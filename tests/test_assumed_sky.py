@@ -12,6 +12,7 @@ from physics.bands import band_means, equidistant_bands, quadrature
 from physics.estimate import Sample, estimate_environment
 from physics.planck import noise_sigma, planck
 from physics.sky import Atmosphere, sky_radiance, usual_atmosphere
+from texnet.camera import missing_sky
 from texnet.files.cube_io import write_cube
 from texnet.pipeline import decompose
 
@@ -178,6 +179,17 @@ def test_a_little_metal_is_no_sky(metal, method):
 def test_no_sky_shines_into_a_closed_room(bands, method):
     d = right("room", bands, method)
     assert not d.sky_assumed and d.sky == ()
+
+
+def test_where_a_sky_is_plain_no_camera_would_do_without(monkeypatch):
+    cube = from_above(*FIELDS)[0]
+    short = decompose(cube)
+    monkeypatch.setattr(missing_sky, "PLAIN", np.inf)
+    whole = decompose(cube)
+    assert short.sky_assumed and whole.sky_assumed
+    np.testing.assert_array_equal(short.environment, whole.environment)
+    np.testing.assert_array_equal(short.temperature_k, whole.temperature_k)
+    np.testing.assert_array_equal(short.temperature_sigma_k, whole.temperature_sigma_k)
 
 
 @pytest.mark.parametrize("name, k", [("forest", 5), ("street", 2), ("patches", 3)])

@@ -27,7 +27,7 @@ from physics.expected import Expected
 from physics.hypotheses import set_up
 from physics.known import bytes_per_pixel, known_arrays
 from physics.planck import noise_sigma, planck
-from texnet.chunks import ANSWERED, chunks_of
+from texnet.chunks import SOLVED, chunks_of
 from texnet.files.weights import load_network
 from texnet.learned import shipped_network, torch_model
 from texnet.model import TeXModel
@@ -157,7 +157,7 @@ def test_one_file_answers_as_torch_does(network, runtime, sizes):
 
 
 def test_some_of_them_come_in_chunks():
-    assert chunks_of(131 * 127, 20, ANSWERED) > 1 and chunks_of(100**2, 20, ANSWERED) > 1
+    assert chunks_of(131 * 127, 20, SOLVED) > 1 and chunks_of(100**2, 20, SOLVED) > 1
 
 
 def test_dtypes(runtime):

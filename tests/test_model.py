@@ -329,7 +329,7 @@ def test_pixels_answered_in_chunks_are_answered_as_at_once(monkeypatch):
     model, image = TeXModel(network()), torch.from_numpy(cube.radiance.copy())
     whole = model(scene(world.known()), image)
     monkeypatch.setattr("texnet.model.SEEN", 50)
-    monkeypatch.setattr("texnet.model.ANSWERED", 70)
+    monkeypatch.setattr("texnet.model.SOLVED", 70)
     for name, a, b in zip(whole._fields, whole, model(scene(world.known()), image), strict=True):
         torch.testing.assert_close(b, a, rtol=1e-4, atol=1e-4, msg=name)
 

@@ -418,9 +418,8 @@ def test_deviations_of_the_surroundings_are_found_where_they_show():
     mean, prior = start.known.prior_k
     t = (torch.as_tensor(world.temperature).float() - mean) / prior
     lighting = torch.as_tensor(world.lighting).float().T
-    hot = one_hot(start.row[0], len(start.h.sky_share))
     usual = start.known.usual_lighting
-    found = deviations(start.h, start.z, start.x_row[:, 0], hot, t, lighting, usual).T
+    found = deviations(start.h, start.z, start.x_row[:, 0], start.row[0], t, lighting, usual).T
     one = dense(start.known)[0]
     f = one.F[: one.d] / np.sqrt(one.D)
     rest = start.s.numpy() - np.array(

@@ -18,6 +18,7 @@ methods     the four methods
 solver      local and sgd
 model       net and net+sgd as one module: evidence, network, refinement, texture
 network     TeXNet
+texture     the light on a pixel that is solved, and what is left of its spectrum
 chunks      what pixels do by themselves, some thousand at a time
 budget      the most accurate method that fits a time budget
 uncertainty  what adds to sigma, and when an answer should not be trusted

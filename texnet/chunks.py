@@ -5,13 +5,14 @@ from torch._higher_order_ops.scan import scan
 from torch.nn import functional
 
 # pixels times materials of a chunk, so that what they take on the way stays near the processor: of
-# the evidence, a few operations on much; of the answer, a thousand on little, whose start costs
-SEEN, ANSWERED = 32_768, 131_072
+# the evidence, a few operations on much; of the solution, a thousand on little, whose start costs;
+# and pixels times bands of one whose texture is distilled
+SEEN, SOLVED, TEXTURED = 32_768, 131_072, 131_072
 
 
-def chunks_of(pixels, materials, most):
-    """How many chunks, of about so many pixels times materials, are made of so many pixels."""
-    return (pixels * materials + most - 1) // most
+def chunks_of(pixels, size, most):
+    """How many chunks, of about so many pixels times their size, are made of so many pixels."""
+    return (pixels * size + most - 1) // most
 
 
 def by_chunks(work, arrays, chunks):

@@ -190,11 +190,11 @@ def _around(sample, split, k, how, lap, progress):
     least, air = 1, None
     if with_sky > 1 and sample.may_assume_sky:
         # what is not seen of a missing sky would look like wrong wavelengths
-        without = calibration(split.cold, environment, **how, moved=True)
+        without = cache(lambda: calibration(split.cold, environment, **how, moved=True))
         under_sky = partial(sample.environment, with_sky)
         of = split.cold, environment, without, sample.usual_air(), under_sky
         air = missing_sky(*of, **how)
-        if without.curves and not air:
+        if counting and not air and without().curves:
             least = LEAST_OBJECTS  # one would not tell curves from bands
     if counting:
         objects = max(supported(air), least)

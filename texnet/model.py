@@ -8,10 +8,8 @@ against it as much as the network trusts the pixel's evidence:
 
     log p(h)  <-  log p_net(h) - a E_h
 
-so a material may change. T and V are the best hypothesis's; sigma of T holds the doubt about
-m. X = V S + D, D being the deviation of the surroundings from the k objects that the rest of
-the pixel's spectrum speaks for, and the sky-lit texture is the sky's part of it
-(`physics.exact.distill`).
+so a material may change. T and V are the best hypothesis's; sigma of T holds the doubt about m.
+What light that leaves (`texture`) comes last.
 """
 
 from functools import partial
@@ -23,12 +21,12 @@ from torch import nn
 from physics.evidence import components, likeliest
 from physics.hypotheses import COMPARED, Blocks, Hypotheses, part_of
 from physics.known import Known
-from physics.planck import planck
-from physics.refinement import STEPS, TYPICAL_K, Refined, deviations, of_rows, one_hot, refine
+from physics.refinement import STEPS, TYPICAL_K, Refined, of_rows, one_hot, refine
 
-from .chunks import ANSWERED, SEEN, by_chunks, chunks_of
-from .network import TeXNet, log_add, pure_and_mixed, stem
-from .uncertainty import AIR_SIGMA_K, NET_LIKELY, NET_OTHER_K, OWN_PROBABILITY, RIM_NATS, fits
+from .chunks import SEEN, SOLVED, TEXTURED, by_chunks, chunks_of
+from .network import TeXNet, log_add, material_of, pure_and_mixed, stem
+from .texture import Chosen, Textured, textured
+from .uncertainty import NET_LIKELY, OWN_PROBABILITY, RIM_NATS
 
 CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
 NEVER_NATS, AFTER_ALL_NATS = 1e9, 1e6  # what cannot be; what comes after all others that can
@@ -112,14 +110,20 @@ class TeXModel(nn.Module):
         seen = (spectra, air, log_evidence, log_pure, log_mixed, *net)
         if inner is not None:
             seen, shape = _cut(seen, shape, inner)
-        answer = partial(_answer, known, h, b, self.steps)
+        solve, distill = partial(_solved, known, h, b, self.steps), partial(textured, known, h)
         # of a part too: torch knows only the tile's size
-        tex = by_chunks(answer, seen, chunks(ANSWERED))
+        p, material, log_evidence, *chosen = by_chunks(solve, seen, chunks(SOLVED))
+        (spectra, air, *_), in_bands = seen, chunks_of(spectra.shape[1], spectra.shape[0], TEXTURED)
+        rest = Textured(*by_chunks(distill, (spectra, air, *chosen), in_bands))
+        tex = TeX(
+            material_probability=p, material=material, log_evidence=log_evidence, **rest._asdict()
+        )
         return TeX(*(a.unflatten(-1, shape) for a in tex))
 
 
-def _answer(known, h, b, steps, *seen):
-    """TeX of pixels, of their PixelInputs."""
+def _solved(known, h, b, steps, *seen):
+    """Of pixels, of their PixelInputs: TeX's material_probability, material and log_evidence, and
+    then what is Chosen."""
     seen = PixelInputs(*seen)
     materials, sky = known.is_sky.shape[0], known.is_sky
     log_row = _proposed(known, h, seen)
@@ -127,7 +131,7 @@ def _answer(known, h, b, steps, *seen):
     z = components(h, seen.spectra / known.sigma[:, None])
     x = likeliest(h, z)
     x = x.gather(0, row[:, None].expand(-1, x.shape[1], -1))
-    of_sky = sky[_material(row, materials)]
+    of_sky = torch.cat([sky, sky])[row]
     r = _refined(known, b, x, row, score, seen, of_sky > 0, steps)
     log_evidence = _own_evidence(h, seen, row, r)
     log_row = _after(log_row, row, score, seen.trust * r.energy)
@@ -135,7 +139,7 @@ def _answer(known, h, b, steps, *seen):
     p = torch.softmax(log_add(*pure_and_mixed(log_row, materials, NEVER_NATS)), dim=0)
 
     best = score.argmax(0, keepdim=True)
-    material = _material(row.gather(0, best)[0], materials)
+    material = material_of(row.gather(0, best)[0], materials)
     is_sky = sky[material] > 0
     # what stands before the sky, where that may be anything
     solid = score - AFTER_ALL_NATS * of_sky
@@ -144,33 +148,16 @@ def _answer(known, h, b, steps, *seen):
     before = torch.where(is_sky, at, best)
     v = r.lighting.gather(1, before.expand(r.lighting.shape[0], -1, -1))[:, 0]
     t, variance = _t_and_variance(known, r, before, solid)
-    temperature = known.prior_k[0] + known.prior_k[1] * t
-    temperature = torch.where(empty, seen.air, temperature)
-
     final = torch.where(empty, best, before)
-    of_final = row.gather(0, final)[0]
-    chosen = one_hot(of_final, log_row.shape[0])
-    x = x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0]
-    off = deviations(h, z, x, chosen, t, v, known.usual_lighting)
-    e = known.emissivity + (1 - known.emissivity) * sky[:, None, None]
-    e = of_rows(e, one_hot(_material(of_final, materials), materials))
-    texture, sky_texture, misfit = _texture(known, h, seen.spectra, chosen, e, temperature, v, off)
     of_m = lambda a: a.gather(0, material[None])[0]
-    # a misfit beyond the noise widens sigma (Birge's ratio)
-    variance = variance * misfit.clamp(min=1) ** 2 + NET_OTHER_K**2 * (1 - of_m(p)).clamp(min=0)
-    sigma = torch.where(empty, AIR_SIGMA_K, variance.sqrt())
-    visible = (~empty).float()
-    # so written that NaN counts as unknown
-    explained = fits(misfit, known.sigma.shape[0]) | empty
     own = of_m(torch.softmax(seen.log_evidence, 0))
-    likely = (of_m(p) >= NET_LIKELY) & (own >= OWN_PROBABILITY)
-    unknown = ~(explained & likely & (temperature > 0))
-    return TeX(
-        material_probability=p, material=material, temperature_k=temperature,
-        temperature_sigma_k=sigma, thermal_lighting=v * visible, texture=texture * visible,
-        sky_texture=sky_texture * visible, residual=misfit, log_evidence=log_evidence,
-        unknown=unknown,
+    chosen = Chosen(
+        row=row.gather(0, final)[0],
+        x=x.gather(0, final[:, None].expand(-1, x.shape[1], -1))[0],
+        t=t, variance=variance, lighting=v, probability=of_m(p), empty=empty,
+        likely=(of_m(p) >= NET_LIKELY) & (own >= OWN_PROBABILITY),
     )  # fmt: skip
+    return p, material, log_evidence, *chosen
 
 
 def _proposed(known, h, seen):
@@ -241,8 +228,9 @@ def _refined(known, b, x, row, score, seen, is_sky, steps):
     at = pixel[close]
     x_close = x[1:].transpose(0, 1).flatten(1)[:, close]
     more = refine(b, x_close, row[1:].flatten()[close], t[at], guess[:, at], usual, width, steps)
+    again = lambda a: torch.cat([a] * (row.shape[0] - 1), -1)
     return Refined(*(
-        torch.cat([a, a[..., pixel].index_copy(-1, close, c)], -1).unflatten(-1, row.shape)
+        torch.cat([a, again(a).index_copy(-1, close, c)], -1).unflatten(-1, row.shape)
         for a, c in zip(first, more, strict=True)
     ))  # fmt: skip
 
@@ -256,30 +244,3 @@ def _unrefined(b, row, t, lighting, width):
     return Refined(
         t=t.expand(row.shape), sigma=sigma, lighting=lighting, energy=torch.zeros_like(sigma)
     )
-
-
-def _texture(known, h, spectra, chosen, e_of_m, temperature, v, off):
-    """X (bands, P), its sky-lit band mean and the residual (P,) of the hypotheses chosen (R, P), of
-    emissivity e_of_m (bands, n, P)."""
-    share = of_rows(h.sky_share, chosen)
-    glow = (e_of_m * planck(known.nodes_um[..., None], temperature)).mean(1)
-    n, d = known.spread.shape[0], known.spread.shape[0] + known.skylight_spread.shape[0]
-    skylight = known.skylight_spread.t() @ off[n:d]
-    deviation = known.spread.t() @ off[:n] + skylight
-    light = (known.light.flatten(1).t() @ v).unflatten(0, known.nodes_um.shape)
-    reflected = ((1 - e_of_m) * (light + deviation[:, None])).mean(1)
-    texture = light.mean(1) + deviation
-    c = d + known.curve_spread.shape[0]
-    of_sky = known.sky_mean[:, None] + known.sky_spread.t() @ off[c:-1]
-    rendered = (1 - share) * (glow + reflected + known.curve_spread.t() @ off[d:c])
-    rendered = rendered + share * of_sky
-    rendered = rendered + of_rows(h.alpha_step, chosen) * off[-1]
-    misfit = (((spectra - rendered) / known.sigma[:, None]) ** 2).mean(0).sqrt()
-    v_sky = v * known.sky_object[:, None]
-    lit = known.environment.mean(1) @ v_sky + v_sky.sum(0) * skylight.mean(0)
-    return texture, torch.where(known.sky_object.max() > 0, lit, misfit), misfit
-
-
-def _material(row, materials):
-    # row % materials, as ONNX can have it
-    return torch.arange(materials, device=row.device).repeat(2)[row]

@@ -89,6 +89,11 @@ def pure_and_mixed(of_hypotheses, materials, less=0.0):
     return of_hypotheses[:materials], of_hypotheses[rows - materials :] - less * none_mixed
 
 
+def material_of(row, materials):
+    """The material's index of hypotheses row (...): row % materials, as ONNX can have it."""
+    return torch.arange(materials, device=row.device).repeat(2)[row]
+
+
 def log_add(a, b):
     """log(exp a + exp b)."""
     return torch.maximum(a, b) + _log_1p_exp(-(a - b).abs())
@@ -222,7 +227,8 @@ class TeXNet(nn.Module):
         features = torch.cat([
             kernel @ contrast / bands, curve @ belief, curve @ soft, light @ s.lighting, scalars,
         ])  # fmt: skip
-        return functional.relu(self.inlet(features[None, :, :, None])).flatten(2)[0]
+        own = functional.relu(self.inlet(features[None, :, :, None]))
+        return own.reshape(own.shape[1:3])
 
     def look_around(
         self, known: Known, code: Code, own, log_evidence, expected, t, lighting, shape
@@ -231,7 +237,7 @@ class TeXNet(nn.Module):
         t and lighting."""
         height, width = shape
         out = self._heads(own.reshape(1, -1, height, width))
-        out = out[0].reshape(-1, height * width)
+        out = out.reshape(-1, height * width)
         n = CODE + LIGHT_CODE
 
         trust = _softplus(out[n] + ONE)
