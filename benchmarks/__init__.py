@@ -4,7 +4,8 @@ accuracy     errors and time of every method against the number of bands; confus
              materials are taken for which
 chart        accuracy against time, beside classical methods
 speed        seconds and memory, beside what others use
-stability    where methods fail, and whether they say so; atlas draws and writes it up
+stability    where methods fail, and whether they say so, along difficulties; atlas draws and writes
+             it up
 knowable     what a pixel can tell whatever the method, in pictures
 sigma        whether another sigma of T could hold what it should
 netd         how well the noise is found where it is not stated

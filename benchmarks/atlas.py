@@ -28,7 +28,7 @@ HEAD = """# The atlas in figures
     texnet bench stability --out stability      # about two hours on two cores
 
 writes this page, `atlas.md`, with `atlas.png`, of `stability.csv` and `missing.csv`, which have a
-row for each answer. One difficulty at a time is turned up, see `benchmarks/stability.py`; 54 bands
+row for each answer. One difficulty at a time is turned up (`benchmarks/difficulties.py`); 54 bands
 and 50 mK unless that is the difficulty. Means over the scenes of the mean error of T, its median
 sigma, the share of T's errors within two sigmas, and of the pixels with the right material and
 those called `unknown`; the brightness temperature is at an emissivity of 0.95, less what it

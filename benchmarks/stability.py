@@ -2,11 +2,11 @@
 
     texnet bench stability --out DIR [--axes AXIS ...]
 
-One difficulty at a time is turned up (AXES) on path-traced test scenes, 50 mK and 54 bands
-unless that is the difficulty, in pictures of 72 x 96 pixels; the environment is estimated from
-each cube (k = 5, or where the sky may be out of view as many as by default), the library is the
-whole starter library. Methods that look at pixels alike share what is found before any is solved
-(`texnet.circumstances`). Per axis, level, scene and method a row of stability.csv:
+One difficulty at a time is turned up on path-traced test scenes (`benchmarks.difficulties`); the
+environment is estimated from each cube (k = 5, or where the sky may be out of view as many as by
+default), the library is the whole starter library. Methods that look at pixels alike share what is
+found before any is solved (`texnet.circumstances`). Per axis, level, scene and method a row of
+stability.csv:
 
     the errors of T (K), its median sigma and how many errors lie within one and two of them
     material accuracy, abstention, accuracy among the answered, correlation of the texture
@@ -32,41 +32,29 @@ what is said of that material's pixels where the library lacks it:
 atlas.png shows the axes; atlas.md has the figures, and lists the faults (`benchmarks.atlas`).
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from benchmarks import ONNX
-from benchmarks.accuracy import NETD_K, SCENES, K, test_scenes
+from benchmarks.accuracy import NETD_K, SCENES, test_scenes
 from benchmarks.atlas import draw, faults, page
+from benchmarks.difficulties import AXES, BANDS, Case, common
 from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import made_otherwise, read_csv, settings, write_csv
 from physics.bands import equidistant_bands
-from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.identifiability import cramer_rao
 from physics.library import MaterialLibrary
-from physics.machinery.provenance import fingerprint
-from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
-from physics.simulator import Truth, trace_scene
-from physics.simulator.presets import preset
-from physics.simulator.sensor import Bands, add_noise
-from physics.simulator.trace import Tracer
-from physics.sky import level_transmittance
+from physics.planck import brightness_temperature, noise_sigma, planck_derivative
 from texnet.circumstances import circumstances
 from texnet.metrics import evaluate, non_sky
 from texnet.pipeline import answered, method_of
 from texnet.runtime import Runtime
-from training.scenes import BASE_SEED
 
-SIZE, SPP, BANDS = (72, 96), 64, 54
 COLUMNS = (
     "temperature_rmse_k", "temperature_mae_k", "brightness_mae_k", "sigma_k", "within_1_sigma",
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
@@ -74,417 +62,14 @@ COLUMNS = (
 )  # fmt: skip
 # look alike, by the last one's looks: net, too, by ONNX Runtime
 ALIKE = ("local", "sgd"), ("net", "net+sgd")
-NO_CLOUD_KM = 50  # in place of infinity, which no axis has
 COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
-
-
-@dataclass(frozen=True)
-class View:
-    """A test scene: a preset and its seed, how much of a mirror all its surfaces are, and which
-    draw of the sensor's noise is seen."""
-
-    name: str
-    seed: int
-    mirror: float = 0.0
-    draw: int = 0
-
-    @property
-    def traced(self):
-        return replace(_traced(self.name, self.seed, self.mirror), seed=self.draw)
-
-
-@lru_cache(maxsize=8)
-def _traced(name, seed, mirror):
-    scene = preset(name, seed)
-    scene = replace(scene, objects=[replace(o, mirror=mirror) for o in scene.objects])
-    return trace_scene(scene, SIZE, SPP, seed, MaterialLibrary.starter())
-
-
-@dataclass(frozen=True)
-class Case:
-    """What a method is given, and the truth."""
-
-    cube: HeatCube
-    truth: Truth
-    library: MaterialLibrary
-    k: int | None = K
-    wrong_k: float = 0.0  # kelvin that the environment is off
-    stated_k: float = 0.0  # kelvin of it that are stated
-    said_k: float = 0.0  # kelvin of calibration error that are stated
-    noise_k: float = NETD_K  # NETD of the sensor, whatever is stated
-
-    @property
-    def fingerprint(self):
-        """Text that tells it from all others."""
-        cube, library = self.cube, self.library
-        arrays = fingerprint(
-            cube.radiance, cube.wavelength_um, cube.fwhm_um, self.truth.temperature_k,
-            library.wavelength_um, library.emissivity,
-        )  # fmt: skip
-        said = [float(k) for k in (self.wrong_k, self.stated_k, self.said_k)]
-        return f"{arrays} {cube.netd_k} {library.names} {self.k} {said}"
-
-
-OUTDOORS = tuple(View("random", BASE_SEED["test"] + i) for i in (1, 2)) + (
-    View("forest", 7), View("street", 7)
-)  # fmt: skip
-INDOORS = (View("room", 7),)
-
-# --- the axes -----------------------------------------------------------------------------
-
-
-def shaded(view, library, bands=BANDS, netd_k=NETD_K):
-    return view.traced.shade(library, *equidistant_bands(bands), netd_k)
-
-
-def with_curves(library, change):
-    """The library with change(e (materials, n)) -> e for all but the sky."""
-    e = library.emissivity.copy()
-    ground = ~library.is_sky
-    e[ground] = np.clip(change(e[ground]), 1e-3, 1)
-    return replace(library, emissivity=e)
-
-
-def smooth(shape, wavelength_um, seed):
-    """(n, bands) random functions of wavelength of unit variance, smooth over 1 um."""
-    rng = np.random.default_rng(seed)
-    turns = np.arange(1, 7)[:, None] * np.pi * (wavelength_um - 8) / 6
-    a, b = rng.normal(size=(2, shape, 6)) / np.sqrt(6)
-    return a @ np.cos(turns) + b @ np.sin(turns)
-
-
-def emissivity_to_one(view, library, share):
-    library = with_curves(library, lambda e: 1 - share * (1 - e))
-    return Case(*shaded(view, library), library)
-
-
-def grey_bodies(view, library, share):
-    mean = lambda e: e.mean(axis=1, keepdims=True)
-    library = with_curves(library, lambda e: mean(e) + share * (e - mean(e)))
-    return Case(*shaded(view, library), library)
-
-
-def thermal_crossover(view, library, share):
-    """Everything in a closed room as warm as everything else, in the end."""
-    traced = view.traced
-    mean = np.concatenate([b.value for b in traced.blocks]).mean()
-    blocks = [replace(b, value=mean + np.float32(share) * (b.value - mean)) for b in traced.blocks]
-    traced = replace(traced, blocks=tuple(blocks))
-    return Case(*traced.shade(library, *equidistant_bands(BANDS), NETD_K), library)
-
-
-def fewer_bands(view, library, bands):
-    return Case(*shaded(view, library, bands), library)
-
-
-def bands_that_end_early(view, library, last_um):
-    """Of the bands of 8-14 um those to be had of many cameras, none of which is opaque."""
-    cube, truth = shaded(view, library)
-    held = cube.wavelength_um + cube.fwhm_um / 2 < last_um + 1e-6
-    truth = replace(
-        truth, emissivity=truth.emissivity[held], texture=truth.texture[held],
-        wavelength_um=truth.wavelength_um[held],
-    )  # fmt: skip
-    return Case(cube.only(held), truth, library)
-
-
-def noise(view, library, netd_k):
-    return Case(*shaded(view, library, netd_k=netd_k), library, noise_k=netd_k)
-
-
-def unstated_noise(view, library, bands):
-    cube, truth = shaded(view, library, bands)
-    return Case(replace(cube, netd_k=None), truth, library)
-
-
-def sky_out_of_view(view, library, share):
-    """The picture's upper part is cut off, down to the last row with sky in it."""
-    cube, truth = shaded(view, library)
-    sky = np.flatnonzero((~non_sky(truth)).any(axis=1))
-    top = int(round(share * (sky.max() + 1))) if sky.size else 0
-    return Case(*cropped(cube, truth, min(top, cube.shape[0] - 12)), library, None)
-
-
-def overcast(view, library, base_km):
-    """The whole sky is a cloud so high, in view and overhead."""
-    traced = view.traced
-    air = replace(traced.atmosphere, cloud_base_km=base_km if base_km < NO_CLOUD_KM else math.inf)
-    traced = replace(traced, atmosphere=air)
-    return Case(*traced.shade(library, *equidistant_bands(BANDS), NETD_K), library)
-
-
-def objects_at_54_bands(view, library, k):
-    return Case(*shaded(view, library), library, k)
-
-
-def objects_at_6_bands(view, library, k):
-    return Case(*shaded(view, library, 6), library, k)
-
-
-def wrong_curves(view, library, percent):
-    off = 1 + percent / 100 * smooth(len(library) - 1, library.wavelength_um, 1)
-    return Case(*shaded(view, library), with_curves(library, lambda e: e * off))
-
-
-def missing_materials(view, library, n):
-    cube, truth = shaded(view, library)
-    left = [m for m in library.names if m not in common(truth)[:n]]
-    return Case(cube, truth, library.subset(left))
-
-
-def twin_materials(view, library, percent):
-    """The scene's commonest material has a neighbour in the library, this near to it."""
-    cube, truth = shaded(view, library)
-    i = library.index(common(truth)[0])
-    off = percent / 100 * smooth(1, library.wavelength_um, 2)
-    twin = np.clip(library.emissivity[i] + off, 1e-3, 1)
-    names = [*library.names, "twin"]
-    return Case(cube, truth, MaterialLibrary(
-        names, library.wavelength_um, np.concatenate([library.emissivity, twin])
-    ))  # fmt: skip
-
-
-def mixed_pixels(view, library, n):
-    """n x n pixels become one, whose truth is that of the material of most of them."""
-    cube, truth = shaded(view, library, netd_k=0)
-    h, w = (m // n for m in cube.shape)
-    cut = lambda a: a[..., : h * n, : w * n].reshape(*a.shape[:-2], h, n, w, n)
-    mean = lambda a, weight=1.0: (weight * cut(a)).mean(axis=(-3, -1))
-    rng = np.random.default_rng(view.draw)
-    s = add_noise(mean(cube.radiance), cube.wavelength_um, NETD_K, rng)
-    each = cut(truth.material).transpose(0, 2, 1, 3).reshape(h, w, -1)
-    most = np.array([[np.bincount(p).argmax() for p in row] for row in each])
-    own = (cut(truth.material) == most[:, None, :, None]).astype(np.float32)
-    own /= own.mean(axis=(-3, -1), keepdims=True)
-    names = "temperature_k", "emissivity", "texture", "sky_view", "sky_texture"
-    truth = replace(
-        truth, **{name: mean(getattr(truth, name), own) for name in names},
-        material=most.astype(truth.material.dtype),
-        visible=mean(np.moveaxis(truth.visible, -1, 0)).transpose(1, 2, 0),
-    )  # fmt: skip
-    return Case(HeatCube(s, cube.wavelength_um, cube.fwhm_um, NETD_K), truth, library)
-
-
-def wrong_environment(view, library, kelvin):
-    return Case(*shaded(view, library), library, wrong_k=kelvin)
-
-
-def stated_environment(view, library, kelvin):
-    return replace(wrong_environment(view, library, kelvin), stated_k=kelvin)
-
-
-def wrong_wavelengths(view, library, bands):
-    cube, truth = shaded(view, library)
-    w = cube.wavelength_um + bands * np.diff(cube.wavelength_um).mean()
-    # the truth is called the same, to be compared at all
-    return Case(changed(cube, wavelength_um=w), replace(truth, wavelength_um=w), library)
-
-
-def wrong_gain(view, library, percent):
-    cube, truth = shaded(view, library)
-    return Case(changed(cube, cube.radiance * (1 + percent / 100)), truth, library)
-
-
-def uneven_bands(view, library, percent):
-    """Every band has a gain of its own."""
-    cube, truth = shaded(view, library)
-    off = percent / 100 * np.random.default_rng(6).normal(size=(cube.bands, 1, 1))
-    return Case(changed(cube, cube.radiance * (1 + off)), truth, library)
-
-
-def wrong_offset(view, library, kelvin):
-    cube, truth = shaded(view, library)
-    off = noise_sigma(cube.wavelength_um, kelvin)[:, None, None]
-    return Case(changed(cube, cube.radiance + off), truth, library)
-
-
-def stated_gain(view, library, percent):
-    """The gain's error is stated, in kelvin at 300 K (mean over the bands)."""
-    case = wrong_gain(view, library, percent)
-    w = case.cube.wavelength_um
-    per_percent = (planck(w, 300.0) / planck_derivative(w, 300.0)).mean() / 100
-    return replace(case, said_k=percent * float(per_percent))
-
-
-def stated_offset(view, library, kelvin):
-    return replace(wrong_offset(view, library, kelvin), said_k=kelvin)
-
-
-def dead_bands(view, library, n):
-    """n bands show their mean alone."""
-    cube, truth = shaded(view, library)
-    s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
-    s[which] = s[which].mean(axis=(1, 2), keepdims=True)
-    return Case(changed(cube, s), truth, library)
-
-
-def noisy_bands(view, library, n):
-    """n bands have ten times the noise that is stated."""
-    cube, truth = shaded(view, library)
-    s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
-    rng = np.random.default_rng([4, view.draw])
-    s[which] = add_noise(s[which], cube.wavelength_um[which], 0.5, rng)
-    return Case(changed(cube, s), truth, library)
-
-
-def stripes(view, library, netds):
-    """Every column of the detector has an offset of its own, in every band."""
-    cube, truth = shaded(view, library)
-    off = np.random.default_rng(5).normal(size=(cube.bands, 1, cube.shape[1]))
-    off = netds * off * cube.sigma[:, None, None]
-    return Case(changed(cube, cube.radiance + off), truth, library)
-
-
-def saturated_pixels(view, library, percent):
-    cube, truth = shaded(view, library)
-    most = np.percentile(cube.radiance, 100 - percent, axis=(1, 2), keepdims=True)
-    return Case(changed(cube, np.minimum(cube.radiance, most)), truth, library)
-
-
-def hot_part(view, library, percent):
-    """A square of the ground is 300 K hotter, as a fire is; what it lights is left out."""
-    cube, truth = shaded(view, library)
-    side = round((percent / 100 * cube.radiance[0].size) ** 0.5)
-    left = (cube.shape[1] - side) // 2
-    at = np.s_[cube.shape[0] - side :, left : left + side]
-    part, t, w = (slice(None), *at), truth.temperature_k.copy(), cube.wavelength_um[:, None, None]
-    s, t[at] = cube.radiance.copy(), t[at] + 300
-    hotter = planck(w, t[at]) - planck(w, truth.temperature_k[at])
-    s[part] += truth.emissivity[part] * hotter
-    return Case(changed(cube, s), replace(truth, temperature_k=t), library)
-
-
-def mirrors(view, library, share):
-    return Case(*shaded(replace(view, mirror=share), library), library)
-
-
-def air_between(view, library, metres):
-    """So many metres of air before half of the ground, and more and less before the rest. It is as
-    humid as the scene's, and absorbs a third more and less than the sky's own, by turns."""
-    cube, truth = shaded(view, library, netd_k=0)
-    air, bands = view.traced.atmosphere, Bands.of(cube.wavelength_um, cube.fwhm_um)
-    distance, is_sky = _distances(view.name, view.seed), ~non_sky(truth)
-    ground = np.isfinite(distance)
-    distance = distance.copy()
-    distance[ground] *= metres / np.median(distance[ground])
-    off = lambda w: np.exp(0.3 * smooth(1, w, 7)[0])
-    through = lambda m: bands.average(bands.in_cells(
-        lambda w: level_transmittance(w, m, air) ** off(w)
-    ))  # fmt: skip
-    steps = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 91)])
-    t = np.append([through(m) for m in steps], np.zeros((1, cube.bands)), axis=0)  # infinitely far
-    at = np.interp(distance, steps, np.arange(len(steps)))
-    at[np.isinf(distance)] = len(steps)
-    low, high = np.floor(at).astype(int), np.ceil(at).astype(int)
-    beyond = (at - low)[..., None]
-    t = ((1 - beyond) * t[low] + beyond * t[high]).mean(axis=-2).transpose(2, 0, 1)
-    sky = np.isinf(distance).mean(axis=-1)
-    # a pixel is sky, which all of the air before it is part of already, and ground behind some air
-    s, w = cube.radiance.astype(np.float64), cube.wavelength_um
-    at = distance_transform_edt(~is_sky, return_distances=False, return_indices=True)
-    of_sky = sky * s[:, *at]
-    glow = planck(w, air.air_temperature_k)[:, None, None]
-    seen = t / np.maximum(1 - sky, 1e-9) * (s - of_sky) + (1 - sky - t) * glow + of_sky
-    s = add_noise(np.where(is_sky, s, seen), w, NETD_K, np.random.default_rng(view.draw))
-    return Case(HeatCube(s, w, cube.fwhm_um, NETD_K), truth, library)
-
-
-@lru_cache(maxsize=8)
-def _distances(name, seed):
-    """(height, width, parts) m to parts of each pixel."""
-    scene, library, n = preset(name, seed), MaterialLibrary.starter(), 4
-    of_scene = library.subset(dict.fromkeys(o.material for o in scene.objects))
-    distance = Tracer(scene, of_scene).distances((SIZE[0] * n, SIZE[1] * n))
-    parts = distance.reshape(SIZE[0], n, SIZE[1], n).transpose(0, 2, 1, 3)
-    return parts.reshape(*SIZE, n * n)
-
-
-def changed(cube, radiance=None, wavelength_um=None):
-    """A HeatCube, none of it dead, of another radiance, or at other wavelengths."""
-    return replace(
-        cube, dead=None, radiance=cube.radiance if radiance is None else radiance,
-        wavelength_um=cube.wavelength_um if wavelength_um is None else wavelength_um,
-    )  # fmt: skip
-
-
-def cropped(cube, truth, top):
-    """Cube and truth without their first rows."""
-    maps = ("temperature_k", "material", "sky_view", "sky_texture", "visible")
-    truth = replace(
-        truth, **{name: getattr(truth, name)[top:] for name in maps},
-        emissivity=truth.emissivity[:, top:], texture=truth.texture[:, top:],
-    )  # fmt: skip
-    return changed(cube, cube.radiance[:, top:]), truth
-
-
-def common(truth):
-    """Names of the materials that are seen, most pixels first, the sky left out."""
-    seen = np.bincount(truth.material[non_sky(truth)], minlength=len(truth.material_names))
-    return [truth.material_names[m] for m in np.argsort(-seen) if seen[m]]
-
-
-@dataclass(frozen=True)
-class Axis:
-    """label says what the levels are; case(view, library, level) -> Case."""
-
-    label: str
-    levels: tuple
-    case: Callable
-    views: tuple = OUTDOORS
-
-
-AXES = {
-    "emissivity to 1": Axis(
-        "share of 1 - e left", (1, 0.5, 0.2, 0.1, 0.05, 0.02), emissivity_to_one
-    ),
-    "grey bodies": Axis("share of spectral contrast", (1, 0.5, 0.2, 0.1, 0.02, 0), grey_bodies),
-    "thermal crossover": Axis(
-        "share of T contrast, indoors", (1, 0.5, 0.2, 0.1, 0.03, 0), thermal_crossover, INDOORS
-    ),
-    "bands": Axis("bands", (54, 27, 18, 9, 6, 4, 3, 2, 1), fewer_bands),
-    "bands end early": Axis(
-        "last band ends by (um)", (14, 13, 12.5, 12, 11.5), bands_that_end_early
-    ),
-    "noise": Axis("NETD (K)", (0.005, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), noise),
-    "noise not stated": Axis("bands", (54, 18, 12, 9, 6, 4, 3), unstated_noise),
-    "sky out of view": Axis("share of sky rows cut off", (0, 0.3, 0.6, 0.9, 1), sky_out_of_view),
-    "overcast": Axis(
-        f"base of the cloud (km; {NO_CLOUD_KM}: none)", (NO_CLOUD_KM, 7, 4, 2, 1, 0.5), overcast
-    ),
-    "k at 54 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_54_bands),
-    "k at 6 bands": Axis("objects k", (1, 2, 3, 5, 8, 10), objects_at_6_bands),
-    "wrong curves": Axis("error of e (%)", (0, 0.5, 1, 2, 5, 10), wrong_curves),
-    "material missing": Axis("materials missing", (0, 1, 2, 3), missing_materials),
-    "twin materials": Axis("difference of e (%)", (5, 2, 1, 0.5, 0.2), twin_materials),
-    "mixed pixels": Axis("pixels in one, a side", (1, 2, 3, 4, 6), mixed_pixels),
-    "wrong environment": Axis("environment's error (K)", (0, 1, 3, 10, 30), wrong_environment),
-    "wrong environment, as stated": Axis(
-        "environment's error (K)", (0, 1, 3, 10, 30), stated_environment
-    ),
-    "wavelengths off": Axis("shift (bands)", (0, 0.1, 0.3, 1, 2, 3), wrong_wavelengths),
-    "gain off": Axis("gain error (%)", (0, 0.3, 1, 3, 10), wrong_gain),
-    "gain off, as stated": Axis("gain error (%)", (0, 0.3, 1, 3, 10), stated_gain),
-    "bands' gains off": Axis("error of each by itself (%)", (0, 0.1, 0.3, 1, 3), uneven_bands),
-    "offset": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), wrong_offset),
-    "offset, as stated": Axis("offset (K at 300 K)", (0, 0.1, 0.3, 1, 3), stated_offset),
-    "dead bands": Axis("how many are dead", (0, 1, 2, 5, 10), dead_bands),
-    "noisy bands": Axis("how many are noisy", (0, 1, 2, 5, 10), noisy_bands),
-    "stripes": Axis("stripes' sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
-    "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
-    "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
-    "hot part": Axis("pixels 300 K hotter (%)", (0, 1, 3, 6, 10), hot_part),
-    "air between": Axis("m to half of the ground", (0, 10, 30, 100, 300, 1000), air_between),
-}
-
-
-# --- what is measured ---------------------------------------------------------------------
 
 
 def answers(case, methods, model):
     """{method: Decomposition} of a Case by methods that look at it alike; the environment is off by
     what the case says. model is that of net+sgd."""
     environment = None
-    if case.wrong_k:
+    if case.wrong_k is not None:
         environment = estimate_environment(case.cube, case.library, case.k)
         w, s = environment.wavelength_um, environment.radiance
         slope = planck_derivative(w, brightness_temperature(w, s))
@@ -522,8 +107,10 @@ def row_of(case, d, grey):
 
 def brightness_k(case, view):
     """(n,) K, brightness temperature of the ground of a Case of a View, told the true sky."""
-    bands = case.cube.wavelength_um, case.cube.fwhm_um
-    x = surroundings(view.traced, case.truth, *bands)
+    bands, traced = (case.cube.wavelength_um, case.cube.fwhm_um), view.traced
+    if case.atmosphere is not None:
+        traced = replace(traced, atmosphere=case.atmosphere)
+    x = surroundings(traced, case.truth, *bands)
     ground = case.cube.radiance[:, non_sky(case.truth)].T.astype(float)
     return brightness.separate(ground, BandPlanck(*bands), x)[0]
 

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import stability
+from benchmarks import difficulties
 from benchmarks.atlas import draw, faults, page
+from benchmarks.difficulties import Axis
 from benchmarks.rows import SETTINGS, read_csv
-from benchmarks.stability import COLUMNS, Axis
+from benchmarks.stability import COLUMNS
 from texnet.methods import METHODS
 
 AXES = {"noise": Axis("NETD (K)", (0.1, 1), None), "not measured": Axis("what", (0,), None)}
@@ -80,7 +81,7 @@ def test_the_page_in_docs_is_of_the_tables_beside_it_and_each_axis_of_one_code(t
         of |= {(row.get("axis", name), row[SETTINGS]) for row in rows}
         made = dict.fromkeys(row[SETTINGS] for row in rows)
         tables.append([row for one in made for row in read_csv(docs / name, one)])
-    assert len(of) == len({axis for axis, _ in of}) == len(stability.AXES) + 1
+    assert len(of) == len({axis for axis, _ in of}) == len(difficulties.AXES) + 1
     rows, missing = tables
-    page(rows, stability.AXES, missing, tmp_path / "atlas.md")
+    page(rows, difficulties.AXES, missing, tmp_path / "atlas.md")
     assert (tmp_path / "atlas.md").read_text("utf-8") == (docs / "atlas.md").read_text("utf-8")

@@ -7,20 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import rows, stability
+from benchmarks import difficulties, rows, stability
+from benchmarks.difficulties import AXES, Case, View
 from benchmarks.peers import brightness
 from benchmarks.peers.band_planck import BandPlanck
+from benchmarks.peers.surroundings import surroundings
 from benchmarks.reproduce import common
-from benchmarks.stability import (
-    AXES,
-    Case,
-    View,
-    amplification,
-    brightness_k,
-    missing_rows,
-    row_of,
-)
+from benchmarks.stability import amplification, brightness_k, missing_rows, row_of
 from physics import InputError, MaterialLibrary
+from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, planck
 from texnet.learned import torch_model
 from texnet.methods import METHODS
@@ -31,13 +26,13 @@ from texnet.pipeline import decompose
 @pytest.fixture(scope="module", autouse=True)
 def small():
     patch = pytest.MonkeyPatch()
-    patch.setattr(stability, "SIZE", (24, 32))
-    patch.setattr(stability, "SPP", 16)
-    patch.setattr(stability, "shaded", lru_cache(stability.shaded))
-    stability._traced.cache_clear()
+    patch.setattr(difficulties, "SIZE", (24, 32))
+    patch.setattr(difficulties, "SPP", 16)
+    patch.setattr(difficulties, "shaded", lru_cache(difficulties.shaded))
+    difficulties._traced.cache_clear()
     yield
     patch.undo()
-    stability._traced.cache_clear()
+    difficulties._traced.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +61,7 @@ def test_every_case_is_a_cube_with_its_truth(axis, library):
     [(stability.ALIKE[0], "noise", 0.05), (stability.ALIKE[1], "gain off", 3)],
 )
 def test_what_is_found_once_is_what_each_method_finds(methods, axis, level, library):
-    library = common.scene_library(stability.shaded(FOREST, library)[1])
+    library = common.scene_library(difficulties.shaded(FOREST, library)[1])
     c, model = case(axis, level, library), torch_model()
     for method, d in stability.answers(c, methods, model).items():
         own = decompose(c.cube, library, method=method, k=c.k, model=model)
@@ -148,16 +143,31 @@ def test_amplification_of_the_exact_solver_is_near_one(library):
 
 
 @pytest.mark.parametrize("scene", ["forest", "street"])
-def test_the_brightness_temperature_knows_the_sky(library, scene):
-    """Told that, it errs less than told nothing of what is reflected."""
+@pytest.mark.parametrize(("axis", "level"), [("noise", 0.05), ("overcast", 4)])
+def test_the_brightness_temperature_knows_the_sky(library, scene, axis, level):
+    """Told that, be it a cloud or clear, it errs less than told nothing of what is reflected."""
     view = View(scene, 7)
-    c = case("noise", 0.05, library, view)
+    c = case(axis, level, library, view)
     bands, ground = (c.cube.wavelength_um, c.cube.fwhm_um), non_sky(c.truth)
-    blind = brightness.separate(
-        c.cube.radiance[:, ground].T.astype(float), BandPlanck(*bands), np.zeros(c.cube.bands)
-    )[0]
     off = lambda t: np.abs(t - c.truth.temperature_k[ground]).mean()
-    assert off(brightness_k(c, view)) < 0.95 * off(blind)
+
+    def told(x):
+        s = c.cube.radiance[:, ground].T.astype(float)
+        return off(brightness.separate(s, BandPlanck(*bands), x)[0])
+
+    ours = off(brightness_k(c, view))
+    assert ours < 0.95 * told(np.zeros(c.cube.bands))
+    if axis == "overcast":  # nor is the clear sky that its View has as good
+        assert ours < 0.95 * told(surroundings(view.traced, c.truth, *bands))
+
+
+def test_a_right_environment_can_be_given_too(library):
+    c = case("wrong environment", 0, library)
+    assert c.fingerprint != case("noise", 0.05, library).fingerprint
+    (d,) = stability.answers(c, ["local"], None).values()
+    given = estimate_environment(c.cube, library, c.k).radiance
+    np.testing.assert_allclose(d.environment, given, rtol=1e-6)
+    assert d.environment_error_k == 0
 
 
 def test_worse_than_the_brightness_temperature_is_what_its_sigma_does_not_cover(library):
@@ -192,7 +202,7 @@ def test_what_is_said_of_a_missing_material(library, monkeypatch):
             return dict.fromkeys(methods, one)
 
         monkeypatch.setattr(stability, "answers", answers)
-        cube, truth = stability.shaded(FOREST, library)
+        cube, truth = difficulties.shaded(FOREST, library)
         return list(missing_rows("forest", cube, truth, library, None))
 
     rows = said(True, 0.1)
