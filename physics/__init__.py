@@ -21,7 +21,6 @@ expected     which materials are expected where, from afar, and which are looked
 hypotheses   every material, pure or partly sky, by Gaussian priors: what no pixel changes
 evidence     of every one for every pixel at once
 refinement   Gauss-Newton steps on Eq. 1 for the likeliest hypotheses
-by_tiles     a network's answer to a picture, tile by tile
 blind        a library from the cube alone
 identifiability  Fisher information and the Cramer-Rao bound
 filters      which bands tell materials and temperatures best

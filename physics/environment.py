@@ -71,7 +71,7 @@ class Environment(ReadOnly):
             )
         sky = tuple(np.atleast_1d(self.sky).tolist())
         known = all(type(j) is int and j in range(len(s)) for j in sky)
-        if len(set(sky)) != len(sky) or not known:
+        if not known or len(set(sky)) != len(sky):
             raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
         error = numbers(self.error_k, "environment: error_k")
         if error.ndim or not 0 <= error <= 100:

@@ -19,7 +19,7 @@ or, unless many are, saturated.
 
 from copy import copy
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -126,7 +126,7 @@ class Sample:
         self.spectra, pick = spectra[order], pick[order]
         self.row = _row(cube.dead, pick)
         self.sky, self.inner, self._seen = *np.zeros((2, len(pick)), bool), None
-        self._others = cache(self._clustered)  # of one number under many skies
+        self._clusters = {}  # by their number, which many skies are tried with
         if library.sky_index is None:
             return
         of = self.cube, library, self.spectra, pick, self.row, seed
@@ -140,7 +140,7 @@ class Sample:
         """The same Sample if no pixel is sky."""
         other = copy(self)
         other.sky, other.inner, other._seen = *np.zeros((2, len(self.sky)), bool), None
-        other._others = cache(other._clustered)
+        other._clusters = {}
         return other
 
     @property
@@ -174,7 +174,8 @@ class Sample:
                 f"environment: k = {k} objects{', a sky among them,' if assumed else ''} need at "
                 f"least {k - assumed} pixels, got {pixels}."
             )
-        deviations, error_k, within = np.zeros((0, cube.bands)), ERROR_K, None
+        none = np.zeros((0, cube.bands))
+        deviations, error_k, within = none, ERROR_K, None
         if skies is not None:
             skies = skies / cube.sigma
         elif self.sky.any() and k > 1:
@@ -183,7 +184,7 @@ class Sample:
             skies, deviations, within = self._assumed_sky(assume_sky)
             error_k = ASSUMED_ERROR_K
         else:
-            skies = deviations
+            skies = none
         others, spread = self._others(k - len(skies))
         spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
         return Environment(
@@ -192,16 +193,19 @@ class Sample:
             error_k, within=within, **self.of_sky(),
         )  # fmt: skip
 
-    def _clustered(self, n):
+    def _others(self, n):
         """Means (n, bands) of the clusters of what is not sky, in noise units; and how its pixels
         scatter about them, (d, bands) W m-2 sr-1 um-1."""
+        if n in self._clusters:
+            return self._clusters[n]
         ground = self.spectra[~self.sky] if not self.sky.all() else self.spectra
         # one small hot object shall not take an environment object from all others
         cut = int(EXTREMES * len(ground))
         ground = ground[np.argsort(ground.mean(axis=1))[cut : len(ground) - cut]]
         fit = clusters(ground, n, 3, self.seed)
         off = ground - fit.cluster_centers_[fit.labels_]
-        return fit.cluster_centers_, _principal(off, 1.0) * self.cube.sigma
+        found = fit.cluster_centers_, _principal(off, 1.0) * self.cube.sigma
+        return self._clusters.setdefault(n, found)
 
     def _skies_overhead(self, k):
         """The sky's objects among k and their deviations, (n, bands) each, from the sky in view;

@@ -38,6 +38,19 @@ WORTH, WORTH_OF_FEW, FEW = (0.03, 0.09), (0.09, 0.17), 6
 WORK = 1 << 22  # pixels times components of all hypotheses, at once
 
 
+def as_lit(environment, cube, library, left_out=None, *, error_k=0.0, curves=0.0):
+    """The Environment of a HeatCube with the V that is usual in its scene (`with_usual_lighting`),
+    that may be error_k K off, of materials whose curves may be off by so much (`Environment.off_by`
+    and `with_curves_off_by`, which depends on that V)."""
+
+    def allowing(environment):
+        environment = environment.off_by(error_k) if error_k else environment
+        return environment.with_curves_off_by(curves) if curves else environment
+
+    lit = with_usual_lighting(allowing(environment), cube, library, left_out)
+    return allowing(replace(environment, usual_lighting=lit.usual_lighting))
+
+
 def with_usual_lighting(environment, cube, library, left_out=None):
     """The Environment of a HeatCube, of a right camera, with the V that is usual in its scene, by a
     MaterialLibrary; as it is, where it says what is usual, all or nothing of it is sky, or there is

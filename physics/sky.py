@@ -54,6 +54,7 @@ TOP_KM = 50.0
 LAYERS = 28
 RADIUS_KM = 7 / 6 * 6371  # of an Earth above which rays that air bends would be straight
 CH4_PPM, N2O_PPM = 1.9, 0.33  # of dry air, by volume
+BEYOND_CM = 20.0  # the width of its bands: so far beyond its end a coefficient is that of the end
 
 
 @dataclass(frozen=True)
@@ -92,10 +93,23 @@ class Atmosphere:
             )
 
 
+def _checked(wavelength_um):
+    """A validated axis (n,) in um, of wavelengths that the coefficients hold for."""
+    w = check_wavelength(wavelength_um, "sky")
+    first, last = _table()["wavenumber_cm"][[0, -1]]
+    if w[0] < 1e4 / (last + BEYOND_CM) or w[-1] > 1e4 / (first - BEYOND_CM):
+        raise InputError(
+            f"sky: its model holds for {1e4 / last:.1f} to {1e4 / first:.1f} um, and bands reach "
+            f"from {w[0]:.4g} to {w[-1]:.4g}; leave those beyond out (texnet import --range), or "
+            "give the environment."
+        )
+    return w
+
+
 def zenith_optical_depth(wavelength_um, atmosphere):
     """(n,) optical depth of the whole atmosphere towards the zenith, be there a cloud or not, at
     wavelengths in um."""
-    w = check_wavelength(wavelength_um, "sky")
+    w = _checked(wavelength_um)
     return _optical_depth(w, np.ones((1, LAYERS)), _profile(atmosphere))[0, -1]
 
 
@@ -108,7 +122,7 @@ def sky_radiance(wavelength_um, cos_zenith, atmosphere):
     c = np.asarray(cos_zenith, dtype=np.float64)
     if c.ndim != 1 or not (np.abs(c) <= 1).all():
         raise InputError("sky: cos_zenith must be one list of numbers in -1..1.")
-    w, profile = check_wavelength(wavelength_um, "sky"), _profile(atmosphere)
+    w, profile = _checked(wavelength_um), _profile(atmosphere)
     depth, base_km = _optical_depth(w, slant(c, _edges_km()), profile), atmosphere.cloud_base_km
     overcast = base_km < math.inf
     if overcast:
@@ -139,7 +153,7 @@ def sky_along(wavelength_um, mass, atmosphere):
 
 def level_transmittance(wavelength_um, metres, atmosphere):
     """(n,) transmittance of so many metres of the air near the ground, at wavelengths in um."""
-    w = check_wavelength(wavelength_um, "air")
+    w = _checked(wavelength_um)
     lowest_m = 1e3 * _edges_km()[1]
     through = np.full((1, LAYERS), metres / lowest_m)  # the lowest layer, along a slant that long
     return np.exp(-_optical_depth(w, through, _profile(atmosphere))[0, 0])

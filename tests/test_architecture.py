@@ -25,7 +25,7 @@ WITHIN = {
 LIGHT = [
     "physics/__init__.py", "physics/errors.py", "physics/planck.py", "physics/cube/heat_cube.py",
     "physics/library.py", "physics/environment.py", "physics/machinery/whole_file.py",
-    "physics/machinery/tiles.py", "physics/by_tiles.py", "physics/hypotheses.py",
+    "physics/machinery/tiles.py", "texnet/by_tiles.py", "physics/hypotheses.py",
     "physics/known.py", "export/__init__.py", "texnet/runtime.py", "texnet/__init__.py",
     "texnet/cli.py", "texnet/commands.py", "texnet/decompose_command.py", "texnet/files/cube_io.py",
     "texnet/stretch.py", "texnet/progress.py",

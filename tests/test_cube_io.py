@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from physics.cube.heat_cube import HeatCube
 from physics.errors import InputError
+from texnet.files.answer_folder import check_directory
 from texnet.files.cube_io import (
     CHANNEL,
     channel_name,
@@ -20,7 +21,6 @@ from texnet.files.cube_io import (
     read_cube,
     write_cube,
 )
-from texnet.outputs import check_directory
 
 UNITS = "W.m^-2.sr^-1"
 

@@ -1,7 +1,9 @@
 """The environment from path-traced cubes, whose light no k objects made; and distillation."""
 
 import functools
+import gc
 import json
+import weakref
 from dataclasses import replace
 from itertools import product
 
@@ -606,3 +608,16 @@ def test_true_surroundings_off_the_spectra_return_to_the_texture():
     blind = Distilled(off=direction)()
     assert (np.abs(blind[0] - d.texture).max(axis=1)[mirrors] > 0.9 * np.abs(direction).max()).all()
     assert (blind[2][mirrors] > 3).all()
+
+
+def test_an_estimate_keeps_no_cube():
+    """A large one lies in a file, which goes with it."""
+    cube = replace(traced("forest")[0])
+    gc.disable()
+    try:
+        alive = weakref.ref(cube)
+        estimate_environment(cube, LIBRARY, 3)
+        del cube
+        assert alive() is None
+    finally:
+        gc.enable()

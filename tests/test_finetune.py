@@ -26,6 +26,7 @@ import training.train as train_module
 from physics import InputError, MaterialLibrary
 from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
+from physics.known import known_arrays
 from physics.library import SKY
 from physics.simulator.traced import TracedScene
 from texnet.circumstances import circumstances
@@ -436,6 +437,12 @@ def test_curves_that_decompose_takes_to_be_off_are_learned_with_as_such():
     )
     for k, without in zip(alike, certain, strict=True):
         assert len(k["curve_spread"]) and not len(without["curve_spread"])
+    # those of the environment that decompose answers in, which its usual V tells
+    found = circumstances(seen, off, by_network(off, torch_model()).looks, k=3).environment
+    assert found.usual_lighting is not None
+    own = known_arrays(taken.cube, off, found)
+    for name in ("usual_lighting", "curve_spread"):
+        np.testing.assert_allclose(alike[2][name], own[name], rtol=1e-5)
 
 
 def test_the_usual_lighting_that_decompose_finds_is_learned_with():

@@ -7,11 +7,11 @@ import pytest
 from test_evidence import World, arrays_of, hypotheses
 from traced import names_of, one_thread, traced  # noqa: F401
 
-from physics import Environment, InputError, MaterialLibrary
+from physics import Environment, InputError, MaterialLibrary, lighting
 from physics.estimate import estimate_environment
 from physics.evidence import evidence
 from physics.lighting import LEAST, with_usual_lighting
-from texnet import circumstances
+from texnet.circumstances import circumstances
 from texnet.pipeline import decompose, method_of
 
 LIBRARY = MaterialLibrary.starter()
@@ -161,7 +161,7 @@ def test_few_bands_then_name_more_right(monkeypatch, name, method):
     cube, truth = traced(name, 6)
     right = lambda: (names_of(decompose(cube, method=method)) == names_of(truth)).mean()
     found = right()
-    monkeypatch.setattr(circumstances, "with_usual_lighting", lambda environment, *_: environment)
+    monkeypatch.setattr(lighting, "with_usual_lighting", lambda environment, *_: environment)
     assert found > right() + 0.02
 
 
@@ -182,11 +182,11 @@ def test_an_environment_that_was_given_is_lit_too():
     cube, _ = traced("forest", 9)
     given = estimate_environment(cube, LIBRARY)
     looks = method_of("net+sgd", LIBRARY).looks
-    of = circumstances.circumstances(cube, LIBRARY, looks, environment=given)
+    of = circumstances(cube, LIBRARY, looks, environment=given)
     assert share(given) == pytest.approx(0.6) and share(of.environment) < 0.5
     # of five objects, four of which are found, one is sky: no less than there is
     sky = Environment(given.radiance[:1], given.wavelength_um, (0,))
-    of = circumstances.circumstances(cube, LIBRARY, looks, environment=sky)
+    of = circumstances(cube, LIBRARY, looks, environment=sky)
     np.testing.assert_allclose(of.environment.usual, 0.2)
 
 

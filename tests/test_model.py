@@ -377,8 +377,9 @@ def test_a_gpu_that_is_not_there_or_not_fit_is_refused(monkeypatch, there):
         raise RuntimeError("no kernel image is available\nfor this device")
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: there)
-    monkeypatch.setattr(torch, "zeros", too_old)
-    with pytest.raises(InputError, match="take --device cpu"):
+    monkeypatch.setattr(torch, "eye", too_old)
+    why = "cannot use the GPU .no kernel image is available." if there else "finds no CUDA GPU"
+    with pytest.raises(InputError, match=f"{why}.*take --device cpu"):
         torch_model(device="cuda")
 
 

@@ -174,9 +174,13 @@ def test_a_given_environment_is_used_as_it_is(monkeypatch):
 
     for name in ("estimate_environment", "Sample"):
         monkeypatch.setattr(texnet.circumstances, name, never)
-    d = decompose(cube, LIBRARY, environment=given, k=7)
+    d = decompose(cube, LIBRARY, environment=given)
     np.testing.assert_array_equal(d.environment, given.radiance)
     assert d.sky == (0,) and len(d.thermal_lighting) == 3
+    with pytest.raises(InputError, match="has its own k"):
+        decompose(cube, LIBRARY, environment=given, k=7)
+    with pytest.raises(InputError, match="local uses no network"):
+        decompose(cube, LIBRARY, method="local", model=never)
 
 
 @pytest.mark.parametrize(
@@ -327,7 +331,7 @@ def test_what_is_far_hotter_is_solved_apart_and_leaves_the_rest(size, make_pixel
     hot = np.random.default_rng(0).permutation(size[0] * size[1])[: size[0] * size[1] // 20]
     s.reshape(24, -1)[:, hot] = planck(scene.wavelength, 1200.0)[:, None]
     cube = HeatCube(s, scene.wavelength, netd_k=0.05)
-    d = decompose(cube, scene.library, k=3, environment=scene.environment)
+    d = decompose(cube, scene.library, environment=scene.environment)
     burns = np.isin(np.arange(size[0] * size[1]), hot).reshape(size)
     off = np.abs(d.temperature_k - scene.temperature.reshape(size))
     assert np.array_equal(d.hot, burns) and np.median(off[~burns]) < 1.0
@@ -372,7 +376,7 @@ def test_less_noise_than_k_objects_leave_out_is_taken_for_as_much(make_pixels, m
     scene = make_pixels(bands=9, shape=(6, 8))
     of = {
         netd_k: decompose(
-            HeatCube(scene.cube.radiance, scene.wavelength, netd_k=netd_k), scene.library, k=3,
+            HeatCube(scene.cube.radiance, scene.wavelength, netd_k=netd_k), scene.library,
             environment=scene.environment, method=method,
         )
         for netd_k in (1e-9, 0.01, 0.02)

@@ -254,3 +254,11 @@ def test_a_wrong_atmosphere_is_an_input_error(field):
 def test_wrong_directions_are_an_input_error(cosines):
     with pytest.raises(InputError, match="cos_zenith"):
         sky_radiance(W, cosines, Atmosphere())
+
+
+@pytest.mark.parametrize("far", [[4.0, 10.0], [10.0, 15.5]])
+def test_beyond_its_coefficients_there_is_no_sky(far):
+    with pytest.raises(InputError, match="7.4 to 14.6 um"):
+        sky_radiance(far, [1.0], Atmosphere())
+    with pytest.raises(InputError, match="7.4 to 14.6 um"):
+        level_transmittance(far, 100.0, Atmosphere())

@@ -148,7 +148,7 @@ def test_wrong_libraries(change, word):
         (dict(radiance=changed(S[:, :2, 0].T, (1, 2), np.inf)), "finite"),
         (dict(sky=(2,)), "sky"),
         (dict(sky=(-1,)), "sky"),
-        *((dict(sky=sky), "sky") for sky in ((True,), (1.0,), ("0",), (0, 0))),
+        *((dict(sky=sky), "sky") for sky in ((True,), (1.0,), ("0",), (0, 0), [[0], [1]])),
         (dict(radiance=1e9 * S[:, :2, 0].T), "hotter than 10000 K"),
         (dict(radiance=1j * S[:, :2, 0].T), "real"),
         (dict(spread=np.zeros((1, 4))), "spread"),

@@ -22,7 +22,8 @@ texture     the light on a pixel that is solved, and what is left of its spectru
 chunks      what pixels do by themselves, some thousand at a time
 budget      the most accurate method that fits a time budget
 uncertainty  what adds to sigma, and when an answer should not be trusted
-runtime     the model in ONNX Runtime, tile by tile
+by_tiles    a picture by the model, tile by tile
+runtime     the model in ONNX Runtime
 learned     the same in torch, with the shipped weights or others
 files       a package: cubes, libraries, environments, filters and weights on disk
 outputs     what `texnet decompose` writes

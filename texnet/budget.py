@@ -63,7 +63,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
             calibration += d.seconds["environment"] / (cube.shape[0] * cube.shape[1])
         part = middle(cube, CROP)
         start = time.perf_counter()
-        d = run(part, environment=environment, k=k, progress=progress)
+        d = run(part, environment=environment, progress=progress)
         took = time.perf_counter() - start - d.seconds["calibration"]  # of what is given
         took /= part.shape[0] * part.shape[1]
         return 1e6 * (once + calibration + took)

@@ -23,7 +23,7 @@ from physics.cube.prepared import Prepared, prepared
 from physics.cube.saturation import saturated
 from physics.environment import Environment
 from physics.estimate import USUAL_OBJECTS, Sample, completed, estimate_environment
-from physics.lighting import with_usual_lighting
+from physics.lighting import as_lit
 from physics.machinery.blas import no_blas_threads
 from physics.sky import Atmosphere
 
@@ -90,19 +90,12 @@ def circumstances(
         found = _with_estimated(ready, split, k, seed, how, lap, progress)
     else:
         found = _with_given(ready, split.cold, environment, how, lap)
-    allowing = partial(_allowing, found["environment_error_k"], found["found"].curves)
-    environment = found["environment"]
-    lit = with_usual_lighting(allowing(environment), found["cube"], library, left_out)
-    environment = replace(environment, usual_lighting=lit.usual_lighting)
+    found["environment"] = as_lit(
+        found["environment"], found["cube"], library, left_out,
+        error_k=found["environment_error_k"], curves=found["found"].curves,
+    )  # fmt: skip
     lap("calibration")
-    found["environment"] = allowing(environment)
     return Circumstances(saturated=beyond, left_out=left_out, given=given, **found)
-
-
-def _allowing(error_k, curves, environment):
-    """An Environment that may be so many K off, of materials whose curves may."""
-    environment = environment.off_by(error_k) if error_k else environment
-    return environment.with_curves_off_by(curves) if curves else environment
 
 
 def _at_true_bands(given, cube, ready, library, seed):

@@ -340,7 +340,7 @@ def export(args):
 def bench_speed(args):
     from benchmarks.speed import measure
 
-    from .outputs import check_directory
+    from .files.answer_folder import check_directory
 
     check_directory(args.out, names=("speed.json", "growth.csv", "growth.png"))
     result = measure(args.out, args.large)
@@ -350,7 +350,7 @@ def bench_speed(args):
 def bench_accuracy(args):
     from benchmarks.accuracy import run, summary
 
-    from .outputs import check_directory
+    from .files.answer_folder import check_directory
 
     files = "accuracy.csv", "confusion.csv", "methods.csv"
     check_directory(args.out, names=files)
@@ -366,7 +366,7 @@ def bench_accuracy(args):
 def bench_stability(args):
     from benchmarks.stability import measure
 
-    from .outputs import check_directory
+    from .files.answer_folder import check_directory
 
     check_directory(args.out, names=("stability.csv", "missing.csv", "atlas.png", "atlas.md"))
     with _resumable("after the last level") as report:
@@ -379,7 +379,7 @@ def bench_stability(args):
 def bench_chart(args):
     from benchmarks.chart import measure, table
 
-    from .outputs import check_directory
+    from .files.answer_folder import check_directory
 
     check_directory(args.out, names=("chart.csv", "chart.png"))
     with _resumable("after the last scene") as report:
@@ -391,7 +391,7 @@ def bench_chart(args):
 def reproduce(args):
     from benchmarks.reproduce import reproduce as make
 
-    from .outputs import check_directory
+    from .files.answer_folder import check_directory
     from .progress import progress_bar
 
     check_directory(args.out, names=())

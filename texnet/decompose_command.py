@@ -12,6 +12,7 @@ from physics.errors import InputError
 from physics.library import SKY
 
 from .commands import chosen_library
+from .files.answer_folder import check_directory
 from .files.cube_io import read_cube, truth_path
 from .loading import loading
 from .methods import NETS
@@ -54,6 +55,8 @@ def decompose(args):
         on_cpu = budget is not None and method not in NETS
         return _runner(method, args.model, "cpu" if on_cpu else args.device)
 
+    inputs = args.cube, truth_path(args.cube), args.library, args.model, args.environment
+    check_directory(args.out, *inputs)
     with ThreadPoolExecutor(1) as beside:  # the network loads while the cube is read
         if budget is None:
             method = args.method or "net+sgd"
@@ -66,12 +69,10 @@ def decompose(args):
 
         with loading():
             from .baselines import baseline_pictures
-            from .outputs import check_directory, write_decomposition
+            from .outputs import write_decomposition
             from .pipeline import decompose
             from .progress import progress_bar
 
-        inputs = args.cube, truth_path(args.cube), args.library, args.model, args.environment
-        check_directory(args.out, *inputs)
         environment, objects = None, None
         if args.environment is not None:
             from .files.environment_file import read_environment

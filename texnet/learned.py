@@ -9,12 +9,12 @@ from threading import Lock
 
 import torch
 
-from physics.by_tiles import by_tiles
 from physics.errors import InputError
 from physics.evidence import tensors
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 from physics.refinement import STEPS
 
+from .by_tiles import by_tiles
 from .files.weights import load_network
 from .methods import WEIGHTS
 from .model import TeX, TeXModel

@@ -20,16 +20,14 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 
-from physics.errors import InputError
 from physics.machinery.array_file import save_arrays
-from physics.machinery.whole_file import check_writable
 
 from .figures import comparison_figure, maps_figure, own_style
-from .files.exr_file import check_exr_name, write_exr
+from .files.answer_folder import check_directory
+from .files.exr_file import write_exr
 from .vision import check_decomposition, tex_vision
 
 PREFIX = ".texnet-"  # of the hidden folder in which files are made
-FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "maps.exr")
 NPZ_KEYS = (
     "temperature_k", "material", "material_names", "emissivity", "thermal_lighting", "environment",
     "texture", "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
@@ -38,25 +36,6 @@ NPZ_KEYS = (
     "camera_netd_k", "netd_k", "noise_raised", "curve_error", "calibration_error_k",
     "suspected_error_k", "left_out", "environment_error_k",
 )  # fmt: skip
-
-
-def check_directory(directory, *inputs, names=FILES):
-    """Raise InputError, before the work, if no folder could be made or written there.
-
-    inputs  what is read, paths or None: none of the files may be written over it
-    names   of the files
-    """
-    directory = Path(directory)
-    check_exr_name(os.path.abspath(directory))
-    if os.path.lexists(directory) and not directory.is_dir():
-        raise InputError(f"cannot write into {directory}: it is a file or a dead link, no folder.")
-    if directory.is_dir():
-        if not os.access(directory, os.W_OK):
-            raise InputError(f"cannot write into {directory}; check its permissions.")
-        for name in names:
-            check_writable(directory / name, *inputs)
-    else:
-        check_writable(directory)
 
 
 def write_decomposition(decomposition, directory, pictures=None, truth=None):

@@ -172,8 +172,8 @@ def decompose(
     k            number of environment objects, 1..10, estimated from the cube by K-means, fewer
                  where its pixels differ less; or "auto": as many as the scene supports
                  (`physics.support`). If None, 5 where the sky is in view, else as "auto"
-    environment  take this one instead (k is its own, but where all of it is sky: the other objects
-                 are found then, 5 in all, 2 at least), at the cube's bands, as this camera shows
+    environment  take this one instead (leave out k, which is its own, but where all of it is sky:
+                 the others are found then, 5 in all, 2 at least), at the cube's bands, as it shows
                  it: it moves with the wavelengths that the sky's ozone shows, and no other shift,
                  gain, offset or air is looked for, but whether it is kelvins off; if that is
                  known, say so: environment.off_by(kelvin)
@@ -318,8 +318,14 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k, mod
         )
     if environment is not None:
         environment.check_bands(cube.wavelength_um)
+        if k is not None:
+            raise InputError(
+                "decompose: the environment that is given has its own k; leave that out."
+            )
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
+    if model is not None and method not in NETS:
+        raise InputError(f"decompose: {method} uses no network; leave out model.")
     if model is not None and not callable(model):
         raise InputError(
             "decompose: model must be a function, such as export.Runtime(FILE).run, got "

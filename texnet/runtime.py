@@ -11,12 +11,12 @@ from threading import BoundedSemaphore
 import numpy as np
 import onnxruntime
 
-from physics.by_tiles import by_tiles
 from physics.errors import InputError
 from physics.known import Known
 from physics.machinery.threads import usual_threads
 from physics.machinery.tiles import MOST_AT_ONCE, TILE_BYTES
 
+from .by_tiles import by_tiles
 from .methods import ONNX
 
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"

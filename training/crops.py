@@ -14,7 +14,7 @@ from physics import estimate
 from physics.cube.heat_cube import HeatCube
 from physics.evidence import tensors
 from physics.known import Known, known_arrays
-from physics.lighting import with_usual_lighting
+from physics.lighting import as_lit
 from physics.machinery.blas import no_blas_threads
 from physics.sky import Atmosphere
 
@@ -51,8 +51,7 @@ class Crops(Dataset):
             with no_blas_threads():
                 sample = estimate.Sample(cube, library)
                 around = (sample.environment(k, air) for k in range(OBJECTS[0], most + 1))
-                around = (e.with_curves_off_by(off) for e in around)
-                around = (with_usual_lighting(e, cube, library, left_out) for e in around)
+                around = (as_lit(e, cube, library, left_out, curves=off) for e in around)
                 known = [known_arrays(cube, library, e) for e in around]
             # one tensor a cube: worker processes share each by an open file
             radiance = torch.from_numpy(cube.radiance.copy())

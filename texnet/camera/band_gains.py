@@ -25,12 +25,12 @@ from physics.eq1 import heat_signal
 from physics.planck import planck
 
 from .correction import DARKEST, Calibration, corrected, corrected_environment
+from .pixels import LEAST_KINDS, LEAST_OF_KIND
 
 FIRST, TIMES = 32.0, (8.0, 4.0, 2.0, 1.0)
 HELPS = 0.97  # what a step leaves of the residual, at most, to be followed by another like it
 STEPS = 24  # at most
 FITTING = 0.7  # of the pixels, of which the rest, mostly mixed, say nothing
-LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials
 MOST = 0.15  # that a logarithm of a gain may be
 # on eleven scenes used for tuning, 12 to 54 bands off by 0 to 3 %: those that helped were 0.4 to
 # 2.4 times that, those by which T was worse by 0.7 K and more 1.9 to 18 times (when the noise was

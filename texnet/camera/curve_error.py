@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .correction import Calibration
+from .pixels import LEAST_KINDS, LEAST_OF_KIND
 
 ERRORS = 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08  # de, one standard deviation
 FIRST = 0.0025, 0.01  # of which one at least is likelier than none, or none is
 MOST = 20.0  # nats that a pixel counts: those of a mixed one mean nothing
 NOTHING = 1e9  # nats, or more: what looks like nothing
 WORTH, NEARLY = 0.25, 0.5  # nats per pixel
-LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials that gain
 
 
 class Off(NamedTuple):

@@ -23,6 +23,7 @@ from .nats import NegativeLogEvidence
 LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
 LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
 LEAST_OBJECTS = 2
+LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials that must agree
 SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them among
 QUARTER = 0.25  # of the pixels: those that fit best
 MOST = 0.68  # of the pixels, as of errors within a standard deviation

@@ -2,8 +2,8 @@
 
 `.exr`: one float32 channel per band, in the layout of Fichet, Pacanowski and Wilkie, "An
 OpenEXR Layout for Spectral Images" (JCGT 2021): `S0.8055,555556nm` is the emitted radiance
-at 8055.555556 nm. That layout says W m-2 sr-1 but not per what, so three attributes of
-our own complete it:
+at 8055.555556 nm. That layout says W m-2 sr-1 but not per what, so attributes of our
+own complete it:
 
     texnetSpectralDensity  "um^-1": the radiance is per um of wavelength
     texnetFwhmUm           one band width in um per band, ascending, space-separated

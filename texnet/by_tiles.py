@@ -1,13 +1,13 @@
-"""A picture of any size by a model that answers tiles: in torch (`texnet.learned`) or in ONNX
-Runtime (`texnet.runtime`), to which this tells what is expected and what is looked for where."""
+"""A picture of any size by a model that answers tiles: in torch (`learned`) or in ONNX Runtime
+(`runtime`), to which this tells what is expected and what is looked for where."""
 
 import numpy as np
 
-from .errors import InputError
-from .expected import among_all
-from .hypotheses import of_materials, set_up
-from .known import bytes_per_pixel
-from .machinery.tiles import run_tiled
+from physics.errors import InputError
+from physics.expected import among_all
+from physics.hypotheses import of_materials, set_up
+from physics.known import bytes_per_pixel
+from physics.machinery.tiles import run_tiled
 
 
 def by_tiles(
@@ -17,8 +17,9 @@ def by_tiles(
     """Maps (..., height, width) by name, material int16 among all materials.
 
     answer      (scene, tile, log_expected, inner) -> maps of a tile (bands, h, w) of which it
-                answers inner, see `machinery.tiles.run_tiled`; scene (`hypotheses.set_up`) and
-                log_expected (materials, h, w) hold the materials that are looked for there alone
+                answers inner, see `physics.machinery.tiles.run_tiled`; scene, as from
+                `physics.hypotheses.set_up`, and log_expected (materials, h, w) hold the materials
+                that are looked for there alone
     radiance    (bands, height, width) W m-2 sr-1 um-1
     known       dict of float32 arrays as `physics.known.known_arrays` makes it
     expected    physics.expected.Expected of the materials; nothing is if None
