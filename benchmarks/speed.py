@@ -63,6 +63,7 @@ from physics.simulator import simulate, trace_scene
 from physics.simulator.presets import preset
 from physics.simulator.sensor import Bands
 from physics.simulator.traced import trace_on_demand
+from texnet.files.cube_io import truth_path, write_cube
 from texnet.learned import torch_model
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
@@ -336,22 +337,37 @@ class _Timed:
 def commands(traced, library, large):
     """Seconds and peak memory of whole commands, each in a process of its own."""
     rows = [_command("texnet --help", ["--help"], REPEATS)]
-    sizes = [SMALL, FRAME, *([LARGE] if large else [])]
     with tempfile.TemporaryDirectory() as folder:
-        from texnet.files.cube_io import write_cube
-
-        for size in sizes:
-            cube = frame(traced, library, size=size)
-            path, cube_bytes = Path(folder) / "cube.npz", cube.radiance.nbytes
+        for what, cube, truth, words in _cubes(traced, library, large):
+            path, size, cube_bytes = Path(folder) / "cube.npz", cube.shape, cube.radiance.nbytes
             write_cube(cube, path)
-            del cube
+            truth_path(path).unlink(missing_ok=True)
+            if truth is not None:
+                truth.save(truth_path(path))
+            del cube, truth
             row = _command(
-                f"texnet decompose, {size[0]} x {size[1]} x {BANDS}",
-                ["decompose", str(path), "--out", str(Path(folder) / "out"), "--k", str(K)],
+                f"texnet decompose, {size[0]} x {size[1]} x {BANDS}{what}",
+                ["decompose", str(path), "--out", str(Path(folder) / "out"), *words],
                 REPEATS if size == SMALL else 1,
             )
             rows.append(row | {"peak_over_cube": row["peak_bytes"] / cube_bytes})
     return rows
+
+
+def _cubes(traced, library, large):
+    """(what is special of it, HeatCube, Truth or None, further words) of each decompose."""
+    for size in (SMALL, FRAME, *([LARGE] if large else [])):
+        yield "", frame(traced, library, size=size), None, ["--k", str(K)]
+    height, width = SMALL
+    cube = frame(traced, library, size=traced.size)
+    ground = np.ascontiguousarray(cube.radiance[:, -height:, :width])
+    yield ", no sky in view", replace(cube, radiance=ground, dead=None), None, []
+    w, fwhm = equidistant_bands(BANDS)
+    cube, truth = simulate(
+        preset("forest", 7), wavelength_um=w, fwhm_um=fwhm, size=SMALL, spp=SPP, netd_k=NETD_K,
+        seed=7, library=library,
+    )  # fmt: skip
+    yield ", its truth beside it", cube, truth, []
 
 
 def _command(what, words, repeats):
@@ -483,7 +499,7 @@ def measure(out, large=False):
     del cube
     whole = commands(traced, library, large)
     for row in whole:
-        print(f"{row['what']:40} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
+        print(f"{row['what']:56} {row['seconds']:8.2f} s {row['peak_bytes'] / 1e6:8.0f} MB")
     grown = list(growth(traced, library, run))
     fitted = exponents(grown)
     result = {

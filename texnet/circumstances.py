@@ -87,15 +87,16 @@ def circumstances(
     left_out = ready.cube.dead | beyond | split.hot
     how = dict(looks=looks, library=library, left_out=left_out)
     if environment is None:
-        found = _with_estimated(ready, split, k, seed, how, lap, progress)
+        parts = _with_estimated(ready, split, k, seed, how, lap, progress)
     else:
-        found = _with_given(ready, split.cold, environment, how, lap)
-    found["environment"] = as_lit(
-        found["environment"], found["cube"], library, left_out,
-        error_k=found["environment_error_k"], curves=found["found"].curves,
+        parts = _with_given(ready, split.cold, environment, how, lap)
+    of = Circumstances(saturated=beyond, left_out=left_out, given=given, **parts)
+    environment = as_lit(
+        of.environment, of.cube, library, left_out,
+        error_k=of.environment_error_k, curves=of.found.curves,
     )  # fmt: skip
     lap("calibration")
-    return Circumstances(saturated=beyond, left_out=left_out, given=given, **found)
+    return of._replace(environment=environment)
 
 
 def _at_true_bands(given, cube, ready, library, seed):
@@ -108,8 +109,8 @@ def _at_true_bands(given, cube, ready, library, seed):
 
 
 def _with_given(ready, cold, given, how, lap):
-    """What is found of a Prepared in an Environment that was given. cold is its cube without what
-    is far hotter; how holds `calibration`'s other arguments."""
+    """The fields of Circumstances that are found, of a Prepared in an Environment that was given.
+    cold is its cube without what is far hotter; how holds `calibration`'s other arguments."""
     lap("environment")
     found, error_k = error_of_given(cold, given, **how)
     return dict(
@@ -151,12 +152,12 @@ def _surroundings(ready, split, k, seed, how, lap, progress):
     that mirrors one."""
     sample = Sample(ready.cube, how["library"], seed, split)
     around = partial(_around, split=split, k=k, how=how, lap=lap, progress=progress)
-    found = environment, *_ = around(sample)
+    as_it_looks = environment, *_ = around(sample)
     if not 0 < sample.sky.mean() <= LITTLE:
-        return found
+        return as_it_looks
     another = cache(lambda: around(sample.without_sky()))
     mistaken = mistaken_sky(split.cold, environment, lambda: another()[0], **how)
-    return another() if mistaken and another()[2] else found
+    return another() if mistaken and another()[2] else as_it_looks
 
 
 def _around(sample, split, k, how, lap, progress):
