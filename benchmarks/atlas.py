@@ -45,8 +45,8 @@ NOISE = """
 ## Noise in, noise out
 
 How far T moves between two draws of the noise, in standard deviations that the Cramér-Rao bound
-allows it (without air): median over all different answers, and the least of the tenth where it is
-most.
+allows it (without air): median over all different answers where that is finite, and the least of
+the tenth where it is most.
 """
 FAULTS = """
 ## Faults

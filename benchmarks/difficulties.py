@@ -423,7 +423,7 @@ AXES = {
     "noisy bands": Axis("how many are noisy", (0, 1, 2, 5, 10), noisy_bands),
     "stripes": Axis("stripes' sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
     "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
-    "saturation": Axis("pixels saturated (%)", (0, 1, 5, 20, 50), saturated_pixels),
+    "saturation": Axis("saturated in each band (%)", (0, 1, 5, 20, 50), saturated_pixels),
     "hot part": Axis("pixels 300 K hotter (%)", (0, 1, 3, 6, 10), hot_part),
     "air between": Axis("m to half of the ground", (0, 10, 30, 100, 300, 1000), air_between),
 }

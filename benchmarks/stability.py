@@ -45,6 +45,7 @@ from benchmarks.peers.band_planck import BandPlanck
 from benchmarks.peers.surroundings import surroundings
 from benchmarks.rows import made_otherwise, read_csv, settings, write_csv
 from physics.bands import equidistant_bands
+from physics.environment import Environment
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.identifiability import cramer_rao
@@ -66,14 +67,14 @@ COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, t
 
 
 def answers(case, methods, model):
-    """{method: Decomposition} of a Case by methods that look at it alike; the environment is off by
-    what the case says. model is that of net+sgd."""
+    """{method: Decomposition} of a Case by methods that look at it alike; an environment that is
+    given is its estimate's spectra alone, off by what the case says. model is that of net+sgd."""
     environment = None
     if case.wrong_k is not None:
-        environment = estimate_environment(case.cube, case.library, case.k)
-        w, s = environment.wavelength_um, environment.radiance
+        found = estimate_environment(case.cube, case.library, case.k)
+        w, s = found.wavelength_um, found.radiance
         slope = planck_derivative(w, brightness_temperature(w, s))
-        environment = replace(environment, radiance=s + case.wrong_k * slope)
+        environment = Environment(s + case.wrong_k * slope, w, found.sky)
         environment = environment.off_by(case.stated_k) if case.stated_k else environment
     ways = {m: method_of(m, case.library, model if m == "net+sgd" else None) for m in methods}
     looks = ways[methods[-1]].looks

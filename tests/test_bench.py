@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import finetune, lowtran7, rows, speed, stability
+from benchmarks import difficulties, finetune, lowtran7, rows, speed, stability
 from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
@@ -90,8 +90,8 @@ def test_what_other_code_measured_is_left_out_of_the_table(tmp_path):
 
 
 def test_noisy_bands_are_noisy_anew_in_each_draw():
-    view = stability.View("forest", 7)
-    s = [stability.noisy_bands(replace(view, draw=d), LIBRARY, 5).cube for d in (0, 1)]
+    view = difficulties.View("forest", 7)
+    s = [difficulties.noisy_bands(replace(view, draw=d), LIBRARY, 5).cube for d in (0, 1)]
     moved = (s[1].radiance - s[0].radiance).std(axis=(1, 2)) / np.sqrt(2) / s[0].sigma
     assert np.sort(moved) == pytest.approx([1] * (len(moved) - 5) + [10] * 5, rel=0.1)
 
