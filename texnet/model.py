@@ -25,7 +25,7 @@ from physics.refinement import STEPS, TYPICAL_K, Refined, of_rows, one_hot, refi
 
 from .chunks import SEEN, SOLVED, TEXTURED, by_chunks, chunks_of
 from .network import TeXNet, log_add, material_of, pure_and_mixed, stem
-from .texture import Chosen, Textured, textured
+from .texture import Chosen, textured
 from .uncertainty import NET_LIKELY, OWN_PROBABILITY, RIM_NATS
 
 CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
@@ -114,10 +114,8 @@ class TeXModel(nn.Module):
         # of a part too: torch knows only the tile's size
         p, material, log_evidence, *chosen = by_chunks(solve, seen, chunks(SOLVED))
         (spectra, air, *_), in_bands = seen, chunks_of(spectra.shape[1], spectra.shape[0], TEXTURED)
-        rest = Textured(*by_chunks(distill, (spectra, air, *chosen), in_bands))
-        tex = TeX(
-            material_probability=p, material=material, log_evidence=log_evidence, **rest._asdict()
-        )
+        *maps, unknown = by_chunks(distill, (spectra, air, *chosen), in_bands)
+        tex = TeX(p, material, *maps, log_evidence, unknown)
         return TeX(*(a.unflatten(-1, shape) for a in tex))
 
 

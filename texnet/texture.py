@@ -34,21 +34,10 @@ class Chosen(NamedTuple):
     likely: torch.Tensor
 
 
-class Textured(NamedTuple):
-    """Of P pixels, what `model.TeX` has of these names."""
-
-    temperature_k: torch.Tensor
-    temperature_sigma_k: torch.Tensor
-    thermal_lighting: torch.Tensor
-    texture: torch.Tensor
-    sky_texture: torch.Tensor
-    residual: torch.Tensor
-    unknown: torch.Tensor
-
-
-def textured(known: Known, h: Hypotheses, spectra, air, *chosen) -> Textured:
-    """Of spectra (bands, P) that look as warm as air (P,) in their opaque bands, and of what is
-    Chosen for them."""
+def textured(known: Known, h: Hypotheses, spectra, air, *chosen):
+    """temperature_k, temperature_sigma_k, thermal_lighting, texture, sky_texture, residual and
+    unknown, as `model.TeX` has them, of spectra (bands, P) that look as warm as air (P,) in their
+    opaque bands, and of what is Chosen for them."""
     c = Chosen(*chosen)
     temperature = known.prior_k[0] + known.prior_k[1] * c.t
     temperature = torch.where(c.empty, air, temperature)
@@ -63,11 +52,8 @@ def textured(known: Known, h: Hypotheses, spectra, air, *chosen) -> Textured:
     explained = fits(misfit, known.sigma.shape[0]) | c.empty
     unknown = ~(explained & c.likely & (temperature > 0))
     visible = (~c.empty).float()
-    return Textured(
-        temperature_k=temperature, temperature_sigma_k=sigma, thermal_lighting=c.lighting * visible,
-        texture=texture * visible, sky_texture=sky_texture * visible, residual=misfit,
-        unknown=unknown,
-    )  # fmt: skip
+    lighting, texture, sky_texture = (a * visible for a in (c.lighting, texture, sky_texture))
+    return temperature, sigma, lighting, texture, sky_texture, misfit, unknown
 
 
 def _texture(known, h, spectra, c, temperature, off):
