@@ -30,7 +30,8 @@ class Environment(ReadOnly):
     sky            which objects stand for the sky, by index; empty: none does
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
-    error_k        what is left of that deviation in every band, as an NETD: K at 300 K
+    error_k        what is left of that deviation in every band, as an NETD: K at 300 K; None: not
+                   known, and taken for 0 unless a cube's pixels tell (`estimate.completed`)
     sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
                    pixel can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
@@ -48,7 +49,7 @@ class Environment(ReadOnly):
     sky: tuple[int, ...] = ()
     spread: np.ndarray | None = None
     skylight_spread: np.ndarray | None = None
-    error_k: float = 0.0
+    error_k: float | None = None
     sky_mean: np.ndarray | None = None
     sky_spread: np.ndarray | None = None
     within: np.ndarray | None = None
@@ -73,7 +74,7 @@ class Environment(ReadOnly):
         known = all(type(j) is int and j in range(len(s)) for j in sky)
         if not known or len(set(sky)) != len(sky):
             raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
-        error = numbers(self.error_k, "environment: error_k")
+        error = numbers(0.0 if self.error_k is None else self.error_k, "environment: error_k")
         if error.ndim or not 0 <= error <= 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
         none = np.zeros((0, w.size))

@@ -76,19 +76,22 @@ def estimate_environment(cube, library, k=USUAL_OBJECTS, seed=0, assume_sky=None
 
 def completed(environment, cube, library, seed=0):
     """An Environment that was measured, with what that leaves to a HeatCube to show: the other
-    objects, if all that was measured is sky (`objects_completed`); and the sky's own pixels, their
-    mean and how they scatter, if it does not say how, and there are any."""
+    objects, if all that was measured is sky (`objects_completed`); how far true surroundings
+    deviate from all of them, if it does not say (error_k); and the sky's own pixels, their mean and
+    how they scatter, if it does not say how, and there are any."""
     k, alone = objects_completed(environment), len(environment.sky) == len(environment)
-    seen = environment.sky_mean is not None and len(environment.sky_spread)
-    if not environment.sky or not alone and seen:
+    unsaid = alone or environment.error_k is None
+    unseen = environment.sky and (environment.sky_mean is None or not len(environment.sky_spread))
+    if not unsaid and not unseen:
         return environment
     sample, own = Sample(cube, library, seed), {}
     if alone:
         found = sample.environment(k, skies=environment.radiance)
-        spread = np.concatenate([environment.spread, found.spread])
-        error_k = max(environment.error_k, found.error_k)
-        own = dict(radiance=found.radiance, spread=spread, error_k=error_k, usual_lighting=None)
-    if not seen:
+        own = dict(radiance=found.radiance, usual_lighting=None)
+    if unsaid:
+        spread = np.concatenate([environment.spread, sample.spread(k - len(environment.sky))])
+        own |= dict(spread=spread, error_k=max(environment.error_k or 0.0, ERROR_K))
+    if unseen:
         own |= sample.of_sky()
     return replace(environment, **own)
 
@@ -185,13 +188,17 @@ class Sample:
             error_k = ASSUMED_ERROR_K
         else:
             skies = none
-        others, spread = self._others(k - len(skies))
-        spread = np.concatenate([spread, spread_of_hot(self.hot, pixels)])
+        n = k - len(skies)
         return Environment(
-            np.concatenate([skies, others]) * cube.sigma, cube.wavelength_um,
-            tuple(range(len(skies))), spread, _principal(deviations, 0.0) * cube.sigma,
+            np.concatenate([skies, self._others(n)[0]]) * cube.sigma, cube.wavelength_um,
+            tuple(range(len(skies))), self.spread(n), _principal(deviations, 0.0) * cube.sigma,
             error_k, within=within, **self.of_sky(),
         )  # fmt: skip
+
+    def spread(self, n):
+        """(d, bands) `Environment.spread` about n objects that are no sky."""
+        pixels = self.cube.measured_count + self.hot.shape[1]
+        return np.concatenate([self._others(n)[1], spread_of_hot(self.hot, pixels)])
 
     def _others(self, n):
         """Means (n, bands) of the clusters of what is not sky, in noise units; and how its pixels

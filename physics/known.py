@@ -94,7 +94,7 @@ def known_arrays(cube, library, environment):
         sky_object=sky_object, usual_lighting=environment.usual, spread=environment.spread,
         skylight_spread=environment.skylight_spread, curve_spread=environment.curve_spread,
         sky_spread=environment.sky_spread,
-        error=noise_sigma(cube.wavelength_um, environment.error_k), sky_mean=sky_mean,
+        error=noise_sigma(cube.wavelength_um, environment.error_k or 0.0), sky_mean=sky_mean,
         quiet=cube.quiet, prior_k=np.array([mean, spread]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}

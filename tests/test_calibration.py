@@ -340,6 +340,21 @@ def test_surroundings_that_are_off_are_not_believed(wrong_k, bands, method):
     assert within.mean() > 0.9
 
 
+@pytest.mark.parametrize(("scene", "method"), [("forest", "local"), ("room", "net+sgd")])
+def test_its_own_spectra_serve_a_cube_as_well_as_its_own_estimate(scene, method):
+    """Though no spectra say how its true surroundings scatter about them."""
+    cube, truth = traced(scene, 54)
+    e = estimate_environment(cube, LIBRARY, 5)
+    spectra = Environment(e.radiance, e.wavelength_um, e.sky)
+    ground = names_of(truth) != "sky"
+    off = [
+        np.abs(decompose(cube, method=method, environment=of).temperature_k - truth.temperature_k)
+        for of in (e, spectra)
+    ]
+    whole, alone = (o[ground].mean() for o in off)
+    assert alone < 1.2 * whole
+
+
 @pytest.mark.parametrize("method", ["net+sgd", "local"])
 def test_wrong_curves_under_surroundings_that_are_right_are_allowed_for(method):
     cube, truth = traced("forest", 54)

@@ -525,6 +525,28 @@ def test_a_sky_that_was_measured_suits_a_single_pixel():
     assert len(e) == 2 and e.sky == (0,) and e.sky_mean is None
 
 
+@pytest.mark.parametrize("name", ["forest", "room"])
+def test_spectra_alone_get_the_scatter_of_the_cubes_own_pixels(name):
+    cube, _ = traced(name)
+    own = estimate_environment(cube, LIBRARY, 3)
+    spectra = Environment(own.radiance, own.wavelength_um, own.sky)
+    e = completed(spectra, cube, LIBRARY)
+    np.testing.assert_array_equal(e.radiance, own.radiance)
+    np.testing.assert_allclose(e.spread, own.spread)
+    assert len(e.spread) and e.error_k == own.error_k > 0
+    assert (e.sky_mean is None) == (name == "room")
+
+
+def test_what_is_said_to_be_exact_or_off_is_believed():
+    cube, _ = traced("room")
+    own = estimate_environment(cube, LIBRARY, 3)
+    exact = Environment(own.radiance, own.wavelength_um, error_k=0.0)
+    assert completed(exact, cube, LIBRARY) is exact
+    assert completed(own, cube, LIBRARY) is own
+    off = Environment(own.radiance, own.wavelength_um).off_by(3.0)
+    assert len(completed(off, cube, LIBRARY).spread) == len(off.spread) + len(own.spread)
+
+
 # --- distillation -----------------------------------------------------------------------------
 
 

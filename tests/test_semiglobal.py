@@ -243,7 +243,7 @@ def slow_unaries(scene, objective, state):
 
     def covariance(e, alpha, share_sigma):
         reflected = (1 - alpha) * (1 - e)
-        c = np.eye(w.size) + np.diag((reflected * environment.error_k / 0.1) ** 2)
+        c = np.eye(w.size) + np.diag((reflected * (environment.error_k or 0.0) / 0.1) ** 2)
         rows = [reflected * d / sigma for d in environment.spread]
         rows += [(1 - alpha) * d / sigma for d in environment.curve_spread]
         rows += [alpha * d / sigma for d in environment.sky_spread]

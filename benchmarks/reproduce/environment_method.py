@@ -5,8 +5,6 @@ method takes the centres as they are; ours finds the sky overhead by the sky in 
 (physics/estimate.py), for k = 5 by default. The bounds are what no inversion can undo.
 """
 
-from dataclasses import replace
-
 from benchmarks.paper_method import halves_environment, kmeans_environment, paper_decompose
 from benchmarks.rows import write_csv
 from physics.bands import equidistant_bands
@@ -63,19 +61,11 @@ def reproduce(out, full, progress):
     return "\n".join([*lines, verdict(rows, "environment")]), {"rows": rows}
 
 
-def _ours_by_halves(cube, library):
-    """The means of the halves, with the sky in view as texnet knows it."""
-    ours, halves = estimate_environment(cube, library, 2), halves_environment(cube)
-    return replace(
-        halves, sky=(0,) if ours.sky else (), error_k=ours.error_k, sky_mean=ours.sky_mean,
-        sky_spread=ours.sky_spread,
-    )  # fmt: skip
-
-
 def _environments(cube, library):
     """{variant: (the paper's, ours)}"""
+    halves = halves_environment(cube)
     return {
-        HALVES: (halves_environment(cube), _ours_by_halves(cube, library)),
+        HALVES: (halves, halves),
         TWO: (kmeans_environment(cube, 2), estimate_environment(cube, library, 2)),
         FIVE: (kmeans_environment(cube, 5), estimate_environment(cube, library, 5)),
     }
