@@ -337,11 +337,16 @@ def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
         code, out, _ = run(capfd, *words, "--k", 2)
         assert code == 0 and said in out and "k = 2\n" in out and " 0 %" not in out
         answer = last_json(out)
-        assert "Suspicious" not in out and answer["netd_k"] < 1
+        assert "Suspicious" not in out and "Uneven" not in out and answer["netd_k"] < 1
+        assert 220 < answer["brightness_k"] < 400 and answer["uneven_k"] == 0
         assert answer["k"] == 2 and not answer["k_chosen"]
     s = add_noise(made.radiance, made.wavelength_um, 3.0, np.random.default_rng(0))
     write_cube(HeatCube(s, made.wavelength_um, made.fwhm_um), path)
     assert "Suspicious   so much noise" in run(capfd, *words, "--k", 2)[1]
+    write_cube(HeatCube(made.radiance / 1000, made.wavelength_um, made.fwhm_um), path)  # per nm
+    out = run(capfd, *words, "--k", 2)[1]
+    assert "Suspicious   half of it looks colder than" in out and "\nUneven " in out
+    assert last_json(out)["brightness_k"] < 220 and last_json(out)["uneven_k"] > 2.5
     write_cube(HeatCube(made.radiance, made.wavelength_um, made.fwhm_um, 0.005), path)
     code, out, _ = run(capfd, *words, "--k", 2)
     assert code == 0 and "NETD 5 mK (as stated), taken for " in out

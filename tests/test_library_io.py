@@ -613,10 +613,10 @@ def test_noise_beyond_the_thermal_infrared_is_no_matter(tmp_path):
 
 @pytest.mark.parametrize("change, warning", [(lambda e: 1 - e, "reflectances"), (None, "")])
 def test_reflectance_taken_for_emissivity_is_said(tmp_path, change, warning):
-    e = np.linspace(0.8, 0.97, 3)[:, None] + np.zeros((3, 7))
+    e = np.array([0.8, 0.9, 0.97, 0.04])[:, None] + np.zeros((4, 7))  # one of them metal
     w = np.linspace(8, 14, 7)
     e = change(e) if change else e
-    path = write_csv(tmp_path / "a.csv", "wavelength_um", w, e, list("abc"))
+    path = write_csv(tmp_path / "a.csv", "wavelength_um", w, e, list("abcd"))
     note = import_library(path)[1]
     assert ("Warning" in note) == bool(warning) and warning in note
 

@@ -196,6 +196,51 @@ def test_a_face_with_a_notch_keeps_it(write, tmp_path, first):
     assert built.mesh.area == pytest.approx(2.5)
 
 
+def ply(corners, faces, text=True, more=""):
+    """Bytes of a PLY, each of whose faces may have another property before its corners."""
+    head = [
+        "ply", f"format {'ascii' if text else 'binary_little_endian'} 1.0",
+        f"element vertex {len(corners)}", *(f"property float {axis}" for axis in "xyz"),
+        f"element face {len(faces)}", *([f"property uchar {more}"] if more else []),
+        "property list uchar int vertex_indices", "end_header", "",
+    ]  # fmt: skip
+    body, colour = np.array(corners, "<f4").tobytes(), b"\x07" if more else b""
+    if text:
+        rows = [*corners, *([*([7] if more else []), len(f), *f] for f in faces)]
+        body = "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+    else:
+        for f in faces:
+            body += colour + bytes([len(f)]) + np.array(f, "<i4").tobytes()
+    return "\n".join(head).encode() + body
+
+
+NOTCHED = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (1, 0.5, 0), (0, 2, 0)]
+
+
+@pytest.mark.parametrize("first", range(5))
+@pytest.mark.parametrize("text", [True, False])
+@pytest.mark.parametrize("more", ["", "red"])
+def test_so_does_one_of_a_ply(write, tmp_path, first, text, more):
+    face = [(first + i) % 5 for i in range(5)]
+    (tmp_path / "q.ply").write_bytes(ply(NOTCHED, [face], text, more))
+    t = [290, 291, 292, 293, 294]
+    how = dict(mesh="q.ply", temperature_k=t, scale=1, translate=[0, 0, 0], rotate_z_deg=0)
+    built = load_scene(write(with_object(**how))).objects[0]
+    assert built.mesh.area == pytest.approx(2.5)
+    here = {tuple(v): k for v, k in zip(built.mesh.vertices, built.temperature_k, strict=True)}
+    assert [here[corner] for corner in NOTCHED] == t
+
+
+def test_a_ply_of_triangles_and_more(write, tmp_path):
+    (tmp_path / "q.ply").write_bytes(ply(NOTCHED, [[0, 1, 3], [1, 2, 3], [0, 3, 4, 0]]))
+    built = load_scene(write(with_object(mesh="q.ply", scale=1))).objects[0]
+    assert built.mesh.area == pytest.approx(2.5)
+    for wrong in ([0, 1, 2, 9], [0, 1, 2, -1]):
+        (tmp_path / "q.ply").write_bytes(ply(NOTCHED, [wrong]))
+        with pytest.raises(InputError, match=f"a face has vertex {wrong[-1]} of 5"):
+            load_scene(write(with_object(mesh="q.ply")))
+
+
 @pytest.mark.parametrize("size", [0.01, 0.1, 1.0, 30.0])
 def test_rounding_makes_no_notch(write, tmp_path, size):
     """Corners in the middle of edges, written to six decimals."""
@@ -223,8 +268,21 @@ def test_a_face_that_is_no_fan_is_refused(write, tmp_path, corners):
     lines = [f"v {x} {y} 0" for x, y in corners]
     lines.append(f"f {' '.join(str(i + 1) for i in range(len(corners)))}")
     (tmp_path / "q.obj").write_text("\n".join(lines))
-    with pytest.raises(InputError, match="vertices 1 2 3 4.* is no fan of triangles"):
-        load_scene(write(with_object(mesh="q.obj")))
+    (tmp_path / "q.ply").write_bytes(ply([(*c, 0) for c in corners], [range(len(corners))]))
+    for file, named in (("q.obj", "1 2 3 4"), ("q.ply", "0 1 2 3")):
+        with pytest.raises(InputError, match=f"vertices {named}.* is no fan of triangles"):
+            load_scene(write(with_object(mesh=file)))
+
+
+def test_a_vertex_of_no_face_moves_no_centre(write, tmp_path):
+    square = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n"
+    how = {"mean_k": 290, "gradient_k_per_m": [0.1, 0, 0]}
+    for file, text in (("a.obj", square), ("b.obj", f"{square}v 1000 0 0\n")):
+        (tmp_path / file).write_text(text)
+        change = with_object(mesh=file, scale=1, translate=[0, 0, 0], temperature_k=how)
+        built = load_scene(write(change)).objects[0]
+        t = built.temperature_k[np.unique(built.mesh.faces)]
+        assert [t.min(), t.max()] == pytest.approx([289.9, 290.1])
 
 
 @pytest.mark.parametrize(
@@ -436,6 +494,17 @@ def test_unreadable_files(tmp_path):
             MaterialLibrary.load(tmp_path / "bad.json")
         with pytest.raises(InputError, match="must be JSON"):
             read_bands(tmp_path / "bad.json")
+
+
+def test_what_is_there_twice_or_unknown_is_not_passed_over(tmp_path):
+    path = tmp_path / "b.json"
+    columns = '"wavelength_um": [9, 10], "fwhm_um": [0.1, 0.1]'
+    path.write_text(f'{{{columns}, "Response": "gaussian"}}')
+    with pytest.raises(InputError, match="has an unknown key 'Response'"):
+        read_bands(path)
+    path.write_text(f'{{{columns}, "fwhm_um": [1, 1]}}')
+    with pytest.raises(InputError, match="'fwhm_um' is there twice"):
+        read_bands(path)
 
 
 def test_bands_are_numbers(tmp_path):

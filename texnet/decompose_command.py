@@ -8,8 +8,10 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from physics.cube.heat_cube import LEAST_NETD_K
+from physics.cube.unusual import USUAL_K, uneven_k
 from physics.errors import InputError
 from physics.library import SKY
+from physics.prior import SampledSpectra
 
 from .commands import chosen_library
 from .files.answer_folder import check_directory
@@ -131,8 +133,11 @@ def _of_answer(d, cube):
         sigma_k = np.median(d.temperature_sigma_k[ground])
     share = np.bincount(d.material[seen], minlength=len(d.material_names)) / np.count_nonzero(seen)
     materials = {d.material_names[i]: share[i] for i in np.argsort(-share) if share[i] > 0}
+    looks = SampledSpectra.of(cube)
     return {
         "bands": cube.bands, "bands_narrow": not cube.fwhm_um.any(), "size": cube.shape,
+        "brightness_k": np.median(looks.brightness_k),
+        "uneven_k": uneven_k(cube.wavelength_um, looks.spectra.T),
         "netd_stated_k": cube.netd_k, "camera_netd_k": d.camera_netd_k, "netd_k": d.netd_k,
         "noise_raised": d.noise_raised,
         "left_out": [{"wavelength_um": w, "why": why} for w, why in d.left_out.items()],
@@ -265,6 +270,16 @@ def _corrections(r):
     taken, stated = r["camera_netd_k"] * r["noise_raised"], r["netd_stated_k"]
     if taken > SUSPICIOUS_K and taken > SUSPICIOUS * (stated or 0):
         yield "Suspicious   so much noise: check unit, interleave, byte order and library"
+    half = r["brightness_k"]
+    if not USUAL_K[0] <= half <= USUAL_K[1]:
+        looks = "colder" if half < USUAL_K[0] else "warmer"
+        yield f"Suspicious   half of it looks {looks} than {half:.0f} K: check the unit"
+    if r["uneven_k"]:
+        yield (
+            f"Uneven       by {r['uneven_k']:.0f} K in brightness temperature, even where bands "
+            "differ least, as in pictures of metal or the sky alone: check unit, interleave, byte "
+            "order"
+        )
     for band in r["left_out"]:
         yield f"Left out     {band['wavelength_um']:.4g} um: {band['why']}"
     if shift := r["spectral_shift_um"]:

@@ -27,6 +27,7 @@ LEAST_M = 1.0  # edges of a shape are no longer than this, or than its distance 
 OF_DISTANCE, OF_SCALE, LEAST_OF_NOISE_M = 0.02, 0.25, 1e-3
 CELSIUS_K = 100.0  # no K of any scene
 OVERLAP = 1e-3  # of a polygon's area, as by rounding
+PLY_CORNERS = "vertex_indices", "vertex_index"
 ASCII_ALONE = bytes(range(128)) + b"?" * 128
 PLANE = [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]
 
@@ -214,7 +215,24 @@ def _read_ply(file):
     """A PLY's vertices as the file has them, so that per-vertex temperatures fit."""
     raw = file.read_bytes()
     # fix_texture: it would order and split vertices by their seams
-    return _by_trimesh(raw, max(0, raw.find(b"end_header")), "ply", fix_texture=False)
+    m = _by_trimesh(raw, max(0, raw.find(b"end_header")), "ply", fix_texture=False)
+    polygons = {}
+    for corners in _ply_faces(m.metadata["_ply_raw"].get("face", {}).get("data", {})):
+        polygons.setdefault(len(corners), []).append(corners)
+    if polygons.keys() <= {3}:
+        return m
+    return _of_polygons(m.vertices, polygons, first=0)
+
+
+def _ply_faces(data):
+    """The corners of each face, of what trimesh keeps of a PLY's: an array by name, of as many
+    corners each, with their number if binary, or of lists."""
+    if isinstance(data, dict):
+        name = next((name for name in PLY_CORNERS if name in data), None)
+        return [] if name is None else data[name]
+    names = data.dtype.names
+    name = names[0] if len(names) == 1 else next(n for n in names if n in PLY_CORNERS)
+    return data[name]["f1"]
 
 
 def _read_stl(file):
@@ -258,17 +276,23 @@ def _read_obj(file):
             if len(corners) < 3 or min(corners) < 0:
                 raise ValueError(f"{line.strip()!r} is no face")
             polygons.setdefault(len(corners), []).append(corners)
-    vertices = np.reshape(vertices, (-1, 3))
-    most = max((np.max(corners) for corners in polygons.values()), default=-1)
-    if most >= len(vertices):
-        raise ValueError(f"a face has vertex {most + 1} of {len(vertices)}")
-    faces = [_fans(vertices, np.array(corners)) for corners in polygons.values()]
+    return _of_polygons(np.reshape(vertices, (-1, 3)), polygons, first=1)
+
+
+def _of_polygons(vertices, polygons, first):
+    """A mesh of polygons, {number of corners: theirs}; first is the number of a file's first
+    vertex."""
+    for corners in polygons.values():
+        for wrong in (np.min(corners), np.max(corners)):
+            if not 0 <= wrong < len(vertices):
+                raise ValueError(f"a face has vertex {wrong + first} of {len(vertices)}")
+    faces = [_fans(vertices, np.array(corners), first) for corners in polygons.values()]
     return trimesh.Trimesh(vertices, np.concatenate([np.empty((0, 3), int), *faces]), process=False)
 
 
-def _fans(vertices, corners):
+def _fans(vertices, corners, number):
     """Triangles (n, 3) of polygons (m, corners) of vertices (v, 3), each a fan from its first
-    corner from where these do not overlap."""
+    corner from where these do not overlap; number is that of the first vertex."""
     fans, left = [], corners
     for _ in range(corners.shape[1]):
         p = vertices[left]
@@ -283,7 +307,7 @@ def _fans(vertices, corners):
         fans.append(np.stack([first, of[:, 1:-1], of[:, 2:]], axis=-1).reshape(-1, 3))
         left = np.roll(left[~covers], -1, axis=1)
     if len(left):
-        named = " ".join(str(i + 1) for i in left[0])
+        named = " ".join(str(i + number) for i in left[0])
         raise ValueError(f"the face of vertices {named} is no fan of triangles: export triangles")
     return np.concatenate(fans)
 
@@ -311,5 +335,6 @@ def _temperature(data, m, label):
     if scale_m <= 0 or seed < 0 or seed != int(seed):
         raise InputError(f"scene: {label}: scale_m must be positive and seed an integer >= 0.")
     v, amplitude_k = np.asarray(m.vertices), number("variation_k", 0.0)
-    t = number("mean_k", None) + (v - v.mean(axis=0)) @ gradient
+    centre = v[np.unique(m.faces)].mean(axis=0)  # a vertex of no face has no temperature
+    t = number("mean_k", None) + (v - centre) @ gradient
     return t, _Noise(amplitude_k, scale_m, int(seed)) if amplitude_k else None

@@ -22,6 +22,8 @@ def read_bands(path):
         response = data.get("response", BOX)
     except (KeyError, TypeError, AttributeError, InputError) as e:
         raise InputError(f"bands: {path} {wanted}.") from e
+    if unknown := data.keys() - {"wavelength_um", "fwhm_um", "response"}:
+        raise InputError(f"bands: {path} has an unknown key {min(unknown)!r}.")
     if not all(column.ndim == 1 and np.isfinite(column).all() for column in columns):
         raise InputError(f"bands: {path} {wanted}.")
     if columns[0].shape != columns[1].shape:

@@ -35,7 +35,7 @@ from .text_table import MAX_GAP_UM, number, read_table
 from .wavelengths import ascending
 
 DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
-DARK, BRIGHT = 0.5, 0.99  # means of emissivity that not all of a library's solids have
+DARK, BRIGHT = 0.5, 0.99  # means of emissivity: of few of a library's solids, not of all
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
 PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
@@ -113,8 +113,8 @@ def _unusual(library):
     mean = library.emissivity[~library.is_sky].mean(axis=1)
     if not mean.size:
         return ""
-    if mean.max() < DARK:
-        return f"\nWarning: no emissivity is {DARK} in the mean; are these reflectances, 1 - e?"
+    if np.median(mean) < DARK:
+        return f"\nWarning: half of the curves are below {DARK}; are these reflectances, 1 - e?"
     if mean.min() > BRIGHT:
         return f"\nWarning: all emissivities are above {BRIGHT} in the mean; are they in percent?"
     return ""

@@ -20,6 +20,7 @@ import numpy as np
 from physics.bands import BOX
 from physics.cube.dead_pixels import lit
 from physics.cube.heat_cube import TYPICAL_K, HeatCube, sampling_step
+from physics.cube.unusual import USUAL_K, uneven_k
 from physics.errors import InputError
 from physics.machinery import scratch
 from physics.planck import brightness_temperature, planck
@@ -29,10 +30,7 @@ from .wavelengths import PER_UM, ascending, in_um
 
 OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
-USUAL_K = (220.0, 400.0)  # by night or day, out of doors or in
 ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
-UNEVEN_K = 2.5  # or less is their deviation in the EVENEST of the pixels of a scene
-EVENEST = 0.1
 THIN = 0.05  # or less are bands as wide as they are apart where the unit of widths is wrong
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
@@ -309,11 +307,8 @@ def _typical_k(radiance, w, unit):
 
 def _uneven(s, w):
     """A warning where spectra s (bands, n) are like those of no scene; else ""."""
-    s = s[:, lit(s).all(axis=0)]
-    if not s.size:
-        return ""
-    differ = np.quantile(brightness_temperature(w[:, None], s).std(axis=0), EVENEST)
-    if differ <= UNEVEN_K:
+    differ = uneven_k(w, s)
+    if not differ:
         return ""
     return (
         f"\nWarning: even in the pixels where they differ least, bands differ by {differ:.0f} K in "

@@ -18,6 +18,7 @@ UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
     "uW/cm2/sr/nm": (10.0, False),  # usual of ENVI and FLAASH
     "nW/cm2/sr/nm": (1e-2, False),
     "mW/m2/sr/nm": (1.0, False),
+    "W/m2/sr/nm": (1e3, False),
     "W/m2/sr/cm-1": (1.0, True),
     "mW/m2/sr/cm-1": (1e-3, True),
     "W/cm2/sr/cm-1": (1e4, True),
