@@ -12,6 +12,7 @@ from physics.simulator import load_scene
 from physics.simulator.geometry import normals, value_noise
 from physics.simulator.refined import refined
 from physics.simulator.trace import Tracer
+from physics.sky import usual_atmosphere
 from texnet.files.band_file import read_bands
 
 ROCK = {
@@ -61,6 +62,15 @@ def test_a_scene_is_what_its_file_says(write):
         to = load_scene(write(lambda d, n=long: d.update(sun_direction=[n, 0, n]))).sun_direction
         assert to == pytest.approx((0.5**0.5, 0, 0.5**0.5))
     assert load_scene(write(lambda d: d.pop("atmosphere"))).atmosphere is None
+
+
+@pytest.mark.parametrize("kelvin", [230, 255, 300])
+def test_cold_air_holds_little_water_if_no_other_is_said(write, kelvin):
+    air = load_scene(write(lambda d: d.update(atmosphere={"air_temperature_k": kelvin}))).atmosphere
+    saturated = usual_atmosphere(kelvin, 1.0).water_cm
+    assert air.air_temperature_k == kelvin and air.water_cm == pytest.approx(saturated / 2)
+    with pytest.raises(InputError, match="220-330"):
+        load_scene(write(lambda d: d.update(atmosphere={"air_temperature_k": kelvin - 200})))
     assert load_scene(write(lambda d: d["camera"].pop("fov_deg"))).camera.fov_deg == 40
 
 

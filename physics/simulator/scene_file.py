@@ -16,7 +16,7 @@ import trimesh
 
 from ..errors import InputError
 from ..machinery.json_file import read_json
-from ..sky import Atmosphere
+from ..sky import Atmosphere, usual_atmosphere
 from .geometry import mesh, value_noise
 from .refined import refined
 from .scene import Camera, Scene, SceneObject
@@ -72,9 +72,9 @@ def load_scene(path):
         atmosphere = data.get("atmosphere")
         if atmosphere is not None:
             _keys(atmosphere, "atmosphere", (), tuple(f.name for f in fields(Atmosphere)))
-            atmosphere = Atmosphere(
-                **{k: _numbers(v, None, f"atmosphere {k}") for k, v in atmosphere.items()}
-            )
+            given = {k: _numbers(v, None, f"atmosphere {k}") for k, v in atmosphere.items()}
+            air_k = given.get("air_temperature_k", Atmosphere.air_temperature_k)
+            atmosphere = Atmosphere(**{"water_cm": usual_atmosphere(air_k).water_cm} | given)
         objects = [_object(o, i, path.parent, lens.position) for i, o in enumerate(data["objects"])]
         return Scene(objects, lens, atmosphere, name=str(data.get("name", path.stem)), **sun)
     except InputError as e:
