@@ -294,9 +294,10 @@ def _corrections(r):
     if off := np.std(r["band_gains"]):
         yield f"Bands        off among each other by {off:.2%}, {without}"
     if error := r["curve_error"]:
+        unless = ", unless the environment is," if r["environment"] else ","
         yield (
-            f"Library      likely off by {error:.2g} in emissivity or more, by what fits: T, "
-            "its sigma and the materials allow for that"
+            f"Library      likely off by {error:.2g} in emissivity or more{unless} by what fits: "
+            "T, its sigma and the materials allow for that"
         )
     if error := r["calibration_error_k"]:
         yield f"Calibration  {error:g} K at 300 K uncertain, as stated: sigma holds that"
