@@ -158,9 +158,10 @@ class Environment(ReadOnly):
                 light[j] = [np.interp(at, told, band) for band in sky]
         return light * (self.radiance / light.mean(axis=-1))[..., None]
 
-    def off_by(self, kelvin):
-        """The Environment whose objects may all together be so many K warmer or colder (one
-        standard deviation), as `spread`: for spectra that were taken elsewhere or at another time.
+    def off_by(self, kelvin, objects=None):
+        """The Environment whose objects, all or some (by index), may together be so many K warmer
+        or colder (one standard deviation), as `spread`: for spectra that were taken elsewhere or at
+        another time.
 
         Raises InputError where kelvin is not 0-100.
         """
@@ -169,6 +170,8 @@ class Environment(ReadOnly):
             raise InputError(f"environment: it may be off by 0-100 K, got {kelvin}.")
         seen_k = brightness_temperature(self.wavelength_um, self.radiance)
         off = error * planck_derivative(self.wavelength_um, seen_k)
+        if objects is not None:
+            off[np.isin(np.arange(len(off)), objects, invert=True)] = 0
         # of sum V_j off_j, of any V as likely as it is a priori, the two directions that vary most
         free = (off - off.mean(axis=0)) * lighting_scale(len(off))
         rows = np.concatenate([(self.usual @ off)[None], free])

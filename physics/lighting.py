@@ -38,13 +38,13 @@ WORTH, WORTH_OF_FEW, FEW = (0.03, 0.09), (0.09, 0.17), 6
 WORK = 1 << 22  # pixels times components of all hypotheses, at once
 
 
-def as_lit(environment, cube, library, left_out=None, *, error_k=0.0, curves=0.0):
+def as_lit(environment, cube, library, left_out=None, *, error_k=0.0, objects=None, curves=0.0):
     """The Environment of a HeatCube with the V that is usual in its scene (`with_usual_lighting`),
-    that may be error_k K off, of materials whose curves may be off by so much (`Environment.off_by`
-    and `with_curves_off_by`, which depends on that V)."""
+    of which all or some objects may be error_k K off, of materials whose curves may be off by so
+    much (`Environment.off_by` and `with_curves_off_by`, which depend on that V)."""
 
     def allowing(environment):
-        environment = environment.off_by(error_k) if error_k else environment
+        environment = environment.off_by(error_k, objects) if error_k else environment
         return environment.with_curves_off_by(curves) if curves else environment
 
     lit = with_usual_lighting(allowing(environment), cube, library, left_out)

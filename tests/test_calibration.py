@@ -355,6 +355,20 @@ def test_its_own_spectra_serve_a_cube_as_well_as_its_own_estimate(scene, method)
     assert alone < 1.2 * whole
 
 
+@pytest.mark.parametrize(("factor", "method"), [(1.3, "net+sgd"), (0.8, "local")])
+def test_a_sky_that_was_measured_wrong_is_found_to_be_off(factor, method):
+    cube, truth = traced("forest", 54)
+    e = estimate_environment(cube, LIBRARY, 5)
+    right, wrong = (
+        decompose(cube, method=method, environment=Environment(sky, e.wavelength_um, e.sky))
+        for sky in (e.radiance[list(e.sky)], factor * e.radiance[list(e.sky)])
+    )
+    assert right.environment_error_k == 0 and wrong.environment_error_k >= 10
+    ground = names_of(truth) != "sky"
+    off = np.abs(wrong.temperature_k - truth.temperature_k)[ground]
+    assert (off <= 2 * wrong.temperature_sigma_k[ground]).mean() > 0.9
+
+
 @pytest.mark.parametrize("method", ["net+sgd", "local"])
 def test_wrong_curves_under_surroundings_that_are_right_are_allowed_for(method):
     cube, truth = traced("forest", 54)

@@ -246,6 +246,19 @@ def test_an_environment_is_off_by_what_kelvin_are_worth(pixels):
     assert 0.3 < shares[:, 1].std() < 3
 
 
+def test_its_sky_may_be_off_alone(pixels):
+    w, s = pixels.wavelength, pixels.environment.radiance
+    rows = pixels.environment.off_by(2.0, [1]).spread
+    warmer = planck(w, brightness_temperature(w, s[1]) + 2.0) - s[1]
+    along = rows @ warmer / (np.linalg.norm(rows, axis=1) * np.linalg.norm(warmer) + 1e-12)
+    long = np.linalg.norm(rows, axis=1) > 1e-6 * np.linalg.norm(rows)
+    assert long.any() and np.abs(along[long]) == pytest.approx(1, abs=0.01)
+    every = np.arange(len(s))
+    np.testing.assert_allclose(
+        pixels.environment.off_by(2.0, every).spread, pixels.environment.off_by(2.0).spread
+    )
+
+
 def test_an_environment_can_be_off_by_some_kelvin_only(pixels):
     for kelvin in (-1, 101, np.nan, "much", [1.0]):
         with pytest.raises(InputError):

@@ -89,11 +89,12 @@ def circumstances(
     if environment is None:
         parts = _with_estimated(ready, split, k, seed, how, lap, progress)
     else:
-        parts = _with_given(ready, split.cold, environment, how, lap)
+        parts = _with_given(ready, split.cold, environment, given, how, lap)
     of = Circumstances(saturated=beyond, left_out=left_out, given=given, **parts)
     environment = as_lit(
         of.environment, of.cube, library, left_out,
-        error_k=of.environment_error_k, curves=of.found.curves,
+        error_k=of.environment_error_k, objects=None if given else of.environment.sky,
+        curves=of.found.curves,
     )  # fmt: skip
     lap("calibration")
     return of._replace(environment=environment)
@@ -108,14 +109,15 @@ def _at_true_bands(given, cube, ready, library, seed):
     return completed(given, ready.cube, library, seed)
 
 
-def _with_given(ready, cold, given, how, lap):
-    """The fields of Circumstances that are found, of a Prepared in an Environment that was given.
-    cold is its cube without what is far hotter; how holds `calibration`'s other arguments."""
+def _with_given(ready, cold, environment, given, how, lap):
+    """The fields of Circumstances that are found, of a Prepared in an Environment that was given,
+    all of it or its sky. cold is its cube without what is far hotter; how holds `calibration`'s
+    other arguments."""
     lap("environment")
-    found, error_k = error_of_given(cold, given, **how)
+    found, error_k = error_of_given(cold, environment, None if given else environment.sky, **how)
     return dict(
         ready=ready, cube=ready.cube if found.keeps_cube else corrected(ready.cube, found),
-        environment=given, environment_error_k=error_k,
+        environment=environment, environment_error_k=error_k,
         assumed_air=None, found=found, distance_m=None,
     )  # fmt: skip
 
