@@ -168,6 +168,7 @@ def test_a_right_environment_can_be_given_too(library):
     (d,) = stability.answers(c, ["local"], None).values()
     given = estimate_environment(c.cube, library, c.k).radiance
     np.testing.assert_allclose(d.environment, given, rtol=1e-6)
+    assert d.environment_error_k == 0
 
 
 def test_worse_than_the_brightness_temperature_is_what_its_sigma_does_not_cover(library):

@@ -2,7 +2,7 @@
 
 The means of the picture's halves against K-means for k = 2, and K-means for k = 5. The paper's
 method takes the centres as they are; ours finds the sky overhead by the sky in view
-(physics/estimate.py), for k = 5 by default. The bounds are what no inversion can undo.
+(physics/estimate.py), for k = 5 by default. The bounds are `errors.bounds`'.
 """
 
 from benchmarks.paper_method import halves_environment, kmeans_environment, paper_decompose
