@@ -346,7 +346,7 @@ def _distances(name, seed):
     """(height, width, parts) m to parts of each pixel."""
     scene, library, n = preset(name, seed), MaterialLibrary.starter(), 4
     of_scene = library.subset(dict.fromkeys(o.material for o in scene.objects))
-    distance = Tracer(scene, of_scene).distances((SIZE[0] * n, SIZE[1] * n))
+    distance = Tracer(scene, of_scene).seen((SIZE[0] * n, SIZE[1] * n))[1]
     parts = distance.reshape(SIZE[0], n, SIZE[1], n).transpose(0, 2, 1, 3)
     return parts.reshape(*SIZE, n * n)
 

@@ -306,6 +306,28 @@ def test_a_ground_that_ends_in_view_is_said(capfd, tmp_path, side_m, said):
         assert float(out.split("Warning: ")[1].split("%")[0]) == pytest.approx(past, abs=1.3)
 
 
+@pytest.mark.parametrize("above_m, said", [(0, True), (0.003, False)])
+def test_objects_that_lie_in_one_another_are_named(capfd, tmp_path, above_m, said):
+    """A road of 2 x 2 m on a ground, seen from 30 degrees above in a picture 4 m high."""
+    plane = lambda name, side_m, z: {
+        "name": name, "mesh": {"shape": "plane", "size": [side_m, side_m]},
+        "material": "soil", "temperature_k": 287, "translate": [0, 0, z], "rotate_z_deg": 20,
+    }  # fmt: skip
+    file = tmp_path / "road.json"
+    file.write_text(json.dumps({
+        "camera": {"position": [0, -8.66, 5], "target": [0, 0, 0], "fov_deg": 22.6},
+        "atmosphere": {}, "objects": [plane("ground", 3000, 0), plane("road", 2, above_m)],
+    }))  # fmt: skip
+    code, out, err = run(
+        capfd, "simulate", file, "--out", tmp_path / "night.npz", "--bands", 3, "--size", "64x64",
+        "--spp", 1,
+    )  # fmt: skip
+    assert code == 0, err
+    assert ("'ground' and 'road'" in out) == said
+    if said:  # four square metres, half as high, of sixteen
+        assert float(out.split("Warning: in ")[1].split("%")[0]) == pytest.approx(12.5, abs=0.5)
+
+
 def test_library_from_cube(capfd, tmp_path):
     import test_blind
 

@@ -133,9 +133,14 @@ def test_noise_of_temperature_varies_within_a_large_shape(write, shape, size):
     assert np.sqrt(((noise - 2 * value_noise(at, 1.0, 0)) ** 2).mean()) < 0.1
 
 
-def test_light_is_taken_close_above_a_wide_ground(write):
-    plane = {"shape": "plane", "size": [10000, 10000]}
-    scene = load_scene(write(with_object(mesh=plane, scale=1)))
+@pytest.mark.parametrize("at", [[0, 0, 0], [500, -300, 0], [777, 70000, 90]])
+def test_light_is_taken_close_above_a_wide_ground_wherever_it_lies(write, at):
+    def change(data):
+        plane = {"shape": "plane", "size": [10000, 10000]}
+        data["objects"][0].update(mesh=plane, scale=1, translate=at)
+        data["camera"] = {"position": np.add(at, [1, 2, 2]).tolist(), "target": at}
+
+    scene = load_scene(write(change))
     tracer = Tracer(scene, MaterialLibrary.starter())
     away = np.linalg.norm(tracer.corners - tracer.eye, axis=-1).min(axis=1)
     assert (tracer.lift < 1e-5 * away + 1e-5).all() and len(tracer.lift) < 2000
@@ -412,6 +417,33 @@ def test_a_file_s_sharp_edges_stay_sharp_and_what_is_round_is_round(write, tmp_p
     (ball,) = load_scene(write(with_object(mesh=f"ball.{suffix}"))).objects
     outwards = (ball.mesh.vertices - [1, 2, 3]) / 2
     np.testing.assert_allclose(normals(ball.mesh), outwards, atol=0.02)
+
+
+@pytest.mark.parametrize("how", [{}, {"smooth": True}])
+def test_a_seam_of_vertices_that_are_there_twice_is_round(write, tmp_path, how):
+    """As of textures, on both sides of which a file has its own vertices."""
+    ball = trimesh.creation.icosphere(3)
+    split = trimesh.Trimesh(
+        ball.triangles.reshape(-1, 3), np.arange(3 * len(ball.faces)).reshape(-1, 3), process=False
+    )
+    split.export(tmp_path / "split.ply")
+    kelvin = (280 + split.vertices[:, 2]).tolist()
+    (of_file,) = load_scene(
+        write(with_object(mesh="split.ply", temperature_k=kelvin, **how))
+    ).objects
+    outwards = (of_file.mesh.vertices - [1, 2, 3]) / 2
+    np.testing.assert_allclose(normals(of_file.mesh), outwards, atol=0.02)
+    np.testing.assert_allclose(of_file.temperature_k, 280 + outwards[:, 2], atol=1e-4)
+
+
+def test_a_seam_between_what_is_warm_and_cold_stays_one(write, tmp_path):
+    plate = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    corners = np.array([0, 1, 2, 0, 2, 3])
+    m = trimesh.Trimesh(np.array(plate)[corners], [[0, 1, 2], [3, 4, 5]], process=False)
+    m.export(tmp_path / "plate.ply")
+    kelvin = [280, 280, 280, 300, 300, 300]
+    (plate,) = load_scene(write(with_object(mesh="plate.ply", temperature_k=kelvin))).objects
+    assert sorted(plate.temperature_k[plate.mesh.faces].mean(axis=1)) == [280, 300]
 
 
 @pytest.mark.parametrize(("sides", "sharp"), [(8, True), (12, False)])

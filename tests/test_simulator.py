@@ -89,7 +89,7 @@ def test_distances_are_those_of_the_pixels_middles():
     """A camera 2 m above a plane sees its point straight along a ray 2 / sin(depression) away, and
     no nearer than it is high."""
     scene = Scene([ground()], Camera((0, 0, 2), (0, 5, 2), 90), Atmosphere())
-    d = Tracer(scene, OUTDOOR).distances((8, 8))
+    d = Tracer(scene, OUTDOOR).seen((8, 8))[1]
     assert np.isinf(d[:4]).all()  # the upper half is sky
     down = (np.arange(4) + 0.5) / 4  # tangents of the rows, and of the columns beside
     across = (np.arange(8) - 3.5) / 4

@@ -14,6 +14,7 @@ from physics.library import MaterialLibrary
 from .loading import loading
 
 EDGE_SHARE = 0.01  # of a picture, that sees past the end of the ground
+COINCIDENT_SHARE = 0.001  # of one, that sees objects which lie in one another
 
 
 def import_(args):
@@ -82,6 +83,7 @@ def simulate(args):
         Path(os.path.realpath(beside)).unlink(missing_ok=True)
     text = f"{_size(args.out, cube)}\n{beside}: its truth."
     text += _past_the_ground(scene.camera, ~non_sky(truth))
+    text += _coincident(scene, cube.shape) if is_file else ""
     result = {
         "command": "simulate", "scene": args.scene, "cube": args.out, "truth": beside,
         "bands": cube.bands, "size": cube.shape, "spp": args.spp, "netd_k": cube.netd_k,
@@ -101,6 +103,20 @@ def _past_the_ground(camera, is_sky):
     return (
         f"\nWarning: {share:.1%} of the picture looks past the ground's end and below the horizon, "
         "where it sees the horizon's sky; let the ground reach farther."
+    )
+
+
+def _coincident(scene, size):
+    """A warning where objects of a scene lie in one another; else ""."""
+    from physics.simulator.coincident import coincident
+
+    share, pair = coincident(scene, MaterialLibrary.starter(), size)
+    if share < COINCIDENT_SHARE:
+        return ""
+    one, other = (scene.objects[i].name for i in pair)
+    return (
+        f"\nWarning: in {share:.1%} of the picture two objects lie in the same place, as {one!r} "
+        f"and {other!r} do, and rounding decides which is seen; move one by some millimetres."
     )
 
 

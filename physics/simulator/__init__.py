@@ -6,6 +6,7 @@ geometry    meshes with relief
 refined     triangles made smaller where they must
 presets     ready-made scenes
 trace       light paths, traced once for all bands
+coincident  objects that lie in one another
 shade       the estimator: paths become radiance and truth
 daylight    the visible picture from the same paths
 sensor      bands of finite width, and noise

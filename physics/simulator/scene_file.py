@@ -114,11 +114,6 @@ def _object(data, index, folder, eye):
     smooth = data.get("smooth", of_file or data["mesh"]["shape"] == "sphere")
     if not isinstance(smooth, bool):
         raise InputError(f"scene: {label}: smooth must be true or false, got {smooth!r}.")
-    if data.get("smooth") and not m.is_winding_consistent:
-        raise InputError(
-            f"scene: {label}: its triangles are wound both ways, so that normals cannot be "
-            "interpolated; wind them alike, or take smooth false."
-        )
     scale = _numbers(data.get("scale", 1.0), None, f"{label} scale")
     if scale <= 0:
         raise InputError(f"scene: {label} scale must be positive, got {scale:g}.")
@@ -145,6 +140,13 @@ def _object(data, index, folder, eye):
     if noise is not None:
         more = noise.amplitude_k * value_noise(built.mesh.vertices, noise.scale_m, noise.seed)
         built = replace(built, temperature_k=built.temperature_k + more)
+    if of_file and smooth:
+        built = _welded(built)
+    if data.get("smooth") and not built.mesh.is_winding_consistent:
+        raise InputError(
+            f"scene: {label}: its triangles are wound both ways, so that normals cannot be "
+            "interpolated; wind them alike, or take smooth false."
+        )
     coldest = built.temperature_k.min()
     if coldest < CELSIUS_K:
         raise InputError(
@@ -194,6 +196,15 @@ def _mesh(data, label, folder):
     if not all(np.min(v) > 0 for v in given.values()):
         raise InputError(f"scene: {label}: {' and '.join(given)} must be positive.")
     return make(**given)
+
+
+def _welded(built):
+    """A SceneObject with one vertex for all that lie in a place and are as warm, as files have them
+    on both sides of a texture's seam, so that normals are interpolated across it."""
+    columns = np.column_stack([built.mesh.vertices, built.temperature_k])
+    columns, of = np.unique(columns, axis=0, return_inverse=True)
+    m = trimesh.Trimesh(columns[:, :3], of[built.mesh.faces], process=False)
+    return replace(built, mesh=m, temperature_k=columns[:, 3])
 
 
 def _creased(built):

@@ -31,7 +31,7 @@ from .geometry import normals
 
 ENDS, DAY, HEAT = 0, 1, 2  # how a path goes on: not, for daylight alone, for heat and daylight
 ESCAPED = 65535  # stands in Paths.material where a ray leaves for the sky
-ORIGIN_STEP_M = 1024.0
+ORIGIN_STEP_M = 16.0
 LEAK_FRACTION = 1e-4  # float32 lets a few bounces slip through the corners of a closed room
 
 
@@ -80,8 +80,8 @@ class Tracer:
         # in 32 bits what lies far from the origin has no fine shape; near it nothing changes
         origin = ORIGIN_STEP_M * np.round(np.divide(scene.camera.position, ORIGIN_STEP_M))
         self.eye = np.subtract(scene.camera.position, origin).astype(np.float32)
-        corners, corner_normals, temperatures, materials, mirror = [], [], [], [], []
-        for o in scene.objects:
+        corners, corner_normals, temperatures, materials, mirror, of = [], [], [], [], [], []
+        for i, o in enumerate(scene.objects):
             faces = np.asarray(o.mesh.faces)
             v = (np.asarray(o.mesh.vertices) - origin).astype(np.float32)
             # A normal of zero means: take the facet's.
@@ -91,11 +91,13 @@ class Tracer:
             temperatures.append(o.temperature_k.astype(np.float32)[faces])
             materials.append(np.full(len(faces), library.index(o.material), np.uint16))
             mirror.append(np.full(len(faces), o.mirror, np.float32))
+            of.append(np.full(len(faces), i))
         self.corners = np.concatenate(corners)
         self.corner_normals = np.concatenate(corner_normals)
         self.temperature_k = np.concatenate(temperatures)
         self.material = np.concatenate(materials)
         self.mirror = np.concatenate(mirror)
+        self.object = np.concatenate(of)
         # Embree's rounding grows with the coordinates of a facet; 16 float32 steps clear it.
         self.lift = 2.0**-19 * np.abs(self.corners).max(axis=(1, 2)) + 1e-7
         self._embree = EmbreeScene(robust=True)
@@ -151,13 +153,15 @@ class Tracer:
             day_rng.random(dtype=np.float32, out=xi[hot:])
         return Paths(*_pack(n, depths, closed), q, q_day)
 
-    def distances(self, size):
-        """(height, width) m from the camera to what the pixels' middles see; infinite where that is
-        sky."""
+    def seen(self, size):
+        """(height, width) index of the object that the pixels' middles see, -1 of the sky; and how
+        far away it is, m, infinite of the sky."""
         direction = view_directions(self.scene.camera, size)
         origin = np.broadcast_to(self.eye, direction.shape).copy()
         hit = self._embree.run(origin, direction, query="INTERSECT", output=True)
-        return np.where(hit["primID"] < 0, np.inf, hit["tfar"]).reshape(size)
+        is_sky = hit["primID"] < 0
+        which = np.where(is_sky, -1, self.object[hit["primID"]])
+        return which.reshape(size), np.where(is_sky, np.inf, hit["tfar"]).reshape(size)
 
     def _sunlight(self, point, normal):
         """(n,) cosine between the sun and the normals (n, 3) at points (n, 3), 0 in shadow."""
