@@ -11,7 +11,7 @@ from .machinery.read_only import ReadOnly
 from .planck import brightness_temperature, planck, planck_derivative
 from .prior import MIN_TEMPERATURE_SPREAD_K, SampledSpectra, lighting_scale
 
-MOST_OBJECTS = 10
+MOST_OBJECTS = 10  # what a pixel takes grows with their square
 FAR_K = 100.0  # from the cube: in other units
 FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
 WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance
@@ -62,6 +62,11 @@ class Environment(ReadOnly):
         if s.ndim != 2 or s.shape[1] != w.size or s.shape[0] == 0:
             raise InputError(
                 f"environment: radiance must be (k, {w.size} bands) with k >= 1, got {s.shape}."
+            )
+        if len(s) > MOST_OBJECTS:
+            raise InputError(
+                f"environment: it holds {len(s)} objects; give {MOST_OBJECTS} at most, the mean of "
+                "those that are alike."
             )
         if not np.isfinite(s).all() or (s <= 0).any():
             raise Implausible("environment: radiance must be finite and positive.")
@@ -123,6 +128,11 @@ class Environment(ReadOnly):
 
     def __len__(self):
         return len(self.radiance)
+
+    @property
+    def known_error_k(self):
+        """error_k, or 0 where it is not known."""
+        return self.error_k or 0.0
 
     @property
     def usual(self):

@@ -90,7 +90,7 @@ def completed(environment, cube, library, seed=0):
         own = dict(radiance=found.radiance, usual_lighting=None)
     if unsaid:
         spread = np.concatenate([environment.spread, sample.spread(k - len(environment.sky))])
-        own |= dict(spread=spread, error_k=max(environment.error_k or 0.0, ERROR_K))
+        own |= dict(spread=spread, error_k=max(environment.known_error_k, ERROR_K))
     if unseen:
         own |= sample.of_sky()
     return replace(environment, **own)

@@ -10,7 +10,6 @@ from .prior import MIN_TEMPERATURE_SPREAD_K, SampledSpectra, usual_temperature
 
 TERMS = 5  # of the series of Planck's law in `hypotheses`
 MAX_COMPONENTS = 24  # of the basis: up to 0.8 % fewer pixels right outdoors than by 54 bands
-MAX_OBJECTS = 13  # of an environment: what a pixel takes grows with their square
 COLDEST_PRIOR_K = 30.0
 # the hottest pixel but a few is at most so many prior deviations from the mean, where MAX_T allows
 HOT_SIGMAS = 5.0
@@ -61,18 +60,13 @@ class Known(NamedTuple):
 def known_arrays(cube, library, environment):
     """The fields of Known as a dict of float32 arrays.
 
-    Raises InputError where library or environment are not for the cube's bands, where the
-    library is a single material, or where the environment has more than MAX_OBJECTS.
+    Raises InputError where library or environment are not for the cube's bands, or where the
+    library is a single material.
     """
     environment.check_bands(cube.wavelength_um)
     if len(library) < 2:
         raise InputError(
             "library: the network chooses between materials and needs two; take method local."
-        )
-    if len(environment) > MAX_OBJECTS:
-        raise InputError(
-            f"environment: the network takes {MAX_OBJECTS} objects, got {len(environment)}; give "
-            "fewer, or take method local or sgd."
         )
     nodes = cube.nodes_um
     curves = library.at(nodes)
@@ -94,7 +88,7 @@ def known_arrays(cube, library, environment):
         sky_object=sky_object, usual_lighting=environment.usual, spread=environment.spread,
         skylight_spread=environment.skylight_spread, curve_spread=environment.curve_spread,
         sky_spread=environment.sky_spread,
-        error=noise_sigma(cube.wavelength_um, environment.error_k or 0.0), sky_mean=sky_mean,
+        error=noise_sigma(cube.wavelength_um, environment.known_error_k), sky_mean=sky_mean,
         quiet=cube.quiet, prior_k=np.array([mean, spread]), basis=basis,
     )  # fmt: skip
     return {name: np.asarray(a, np.float32) for name, a in arrays.items()}

@@ -27,7 +27,7 @@ import numpy as np
 
 from .cube.heat_cube import sampling_step
 from .hypotheses import hypotheses_of
-from .known import MAX_OBJECTS, known_arrays
+from .known import known_arrays
 from .prior import lighting_scale
 
 STEPS = 3
@@ -61,7 +61,7 @@ def with_usual_lighting(environment, cube, library, left_out=None):
     k = len(environment)
     sky = np.isin(np.arange(k), environment.sky)
     nothing = not sky.any() or sky.all() or library.is_sky.sum() > len(library) - 2
-    if nothing or k > MAX_OBJECTS or environment.usual_lighting is not None:
+    if nothing or environment.usual_lighting is not None:
         return environment
     there = np.flatnonzero(~(cube.dead if left_out is None else left_out))
     if not there.size:

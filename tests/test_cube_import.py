@@ -175,7 +175,7 @@ def test_a_bad_bands_wavelength_may_be_anything(tmp_path):
 
 
 def test_widths_in_another_unit_are_asked_about(tmp_path):
-    for width, said in ((0.1, True), (100.0, False)):
+    for width, said in ((0.1, True), (100.0, False), (6e3, True)):
         nm = dict(wavelength=1e3 * W, wavelength_units="Nanometers", fwhm=np.full(6, width))
         note = import_cube(envi(tmp_path / "a", S, **nm), "W/m2/sr/um")[1]
         assert ("are their widths in the unit of the wavelengths?" in note) == said

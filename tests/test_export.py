@@ -136,7 +136,7 @@ EDGES = [
     dict(k=4, materials=3, sky=False),
     dict(bands=100, k=10, materials=30, spreads=(6, 6, 6, 6), shape=(9, 11)),
     dict(k=1, spreads=(0, 2, 1, 0)),
-    dict(bands=30, k=13),
+    dict(bands=30, k=10),
     dict(shape=(1, 17)),
     dict(shape=(17, 1)),
     dict(shape=(1, 1)),

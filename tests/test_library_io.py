@@ -621,6 +621,14 @@ def test_reflectance_taken_for_emissivity_is_said(tmp_path, change, warning):
     assert ("Warning" in note) == bool(warning) and warning in note
 
 
+@pytest.mark.parametrize("apart, said", [(5e-4, True), (5e-3, False)])
+def test_two_of_one_curve_are_named(tmp_path, apart, said):
+    w = np.linspace(8, 14, 7)
+    e = np.array([0.8, 0.9, 0.97, 0.9 + apart])[:, None] + 0.01 * np.sin(w)
+    note = import_library(write_csv(tmp_path / "a.csv", "wavelength_um", w, e, list("abcd")))[1]
+    assert ("the curves of 'b' and 'd' are the same" in note) == said
+
+
 def test_a_library_of_one_s_own_can_be_looked_at(tmp_path, capsys):
     path = tmp_path / "l.json"
     MaterialLibrary(["quartzite", "mud"], [8, 14], [[0.7, 0.9], [0.95, 0.96]]).save(path)

@@ -188,7 +188,7 @@ def reduce_model(
     alpha_step = of.share_sigma[:, None] * (sky_mean - black)
     a = _rows(of, series, light, sky_mean, sigma)
     u = deviations(of, reflected, environment, alpha_step, sigma)
-    error = noise_sigma(w, environment.error_k or 0.0) / sigma
+    error = noise_sigma(w, environment.known_error_k) / sigma
     scale = 1 / np.sqrt(1 + (reflected * error) ** 2)
     au, uu = a * scale[:, None], u * scale[:, None]
 

@@ -36,6 +36,7 @@ from .wavelengths import ascending
 
 DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
 DARK, BRIGHT = 0.5, 0.99  # means of emissivity: of few of a library's solids, not of all
+SAME = 1e-3  # curves that nowhere differ by more
 CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
 PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
@@ -109,7 +110,7 @@ def _read(path, kind, wavenumbers_cm1, names):
 
 
 def _unusual(library):
-    """A warning where no curve is like a solid's; else ""."""
+    """A warning where curves are not like solids', or two are the same; else ""."""
     mean = library.emissivity[~library.is_sky].mean(axis=1)
     if not mean.size:
         return ""
@@ -117,6 +118,14 @@ def _unusual(library):
         return f"\nWarning: half of the curves are below {DARK}; are these reflectances, 1 - e?"
     if mean.min() > BRIGHT:
         return f"\nWarning: all emissivities are above {BRIGHT} in the mean; are they in percent?"
+    for i, e in enumerate(library.emissivity[:-1], 1):
+        same = np.abs(library.emissivity[i:] - e).max(axis=1) < SAME
+        if same.any():
+            one, other = library.names[i - 1], library.names[i + int(same.argmax())]
+            return (
+                f"\nWarning: the curves of {one!r} and {other!r} are the same, so that either may "
+                "be named; leave one of them out."
+            )
     return ""
 
 

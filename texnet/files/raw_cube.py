@@ -31,7 +31,8 @@ from .wavelengths import PER_UM, ascending, in_um
 OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
 ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
-THIN = 0.05  # or less are bands as wide as they are apart where the unit of widths is wrong
+# times as wide as they are apart, or less and more, are bands where the unit of widths is wrong
+THIN, WIDE = 0.05, 5.0
 PART = 1 << 23  # numbers converted at once
 SAMPLES = 10_000  # pixels whose brightness temperature is looked at
 CELSIUS = "add 273.15 if these are degrees Celsius, else give the --unit of the radiance"
@@ -146,7 +147,7 @@ def heat_cube(raw, netd_k=None, progress=None):
         *empty,
     ]
     half, warning = _typical_k(radiance, w, raw.unit)
-    warning += _thin(fwhm, w) + (raw.doubt and f"\nWarning: {raw.doubt}")
+    warning += _odd_widths(fwhm, w) + (raw.doubt and f"\nWarning: {raw.doubt}")
     netd_k = raw.netd_k if netd_k is None else netd_k
     cube = HeatCube(radiance, w, fwhm, netd_k, response=raw.response)
     if dead := int(np.count_nonzero(cube.dead)):
@@ -155,12 +156,12 @@ def heat_cube(raw, netd_k=None, progress=None):
     return cube, "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
 
 
-def _thin(fwhm, w):
-    """A warning where bands are far narrower than they are apart; else ""."""
+def _odd_widths(fwhm, w):
+    """A warning where bands are far narrower or wider than they are apart; else ""."""
     if fwhm is None or len(w) < 2:
         return ""
     width, apart = np.median(fwhm), np.median(np.diff(w))
-    if not 0 < width < THIN * apart:
+    if not width or THIN * apart <= width <= WIDE * apart:
         return ""
     return (
         f"\nWarning: bands are {width:.2g} um wide and {apart:.2g} um apart; are their widths in "
