@@ -311,6 +311,17 @@ def test_a_convex_body_never_sees_itself():
     assert (paths.material[first] == 1).all() and (paths.material[first + 1] == ESCAPED).all()
 
 
+def test_what_would_come_from_below_a_facet_comes_from_above():
+    """Beside an edge that is rounded normals lean over it, and directions dip below the facet:
+    mirrored back they are as rare near the horizon as any."""
+    v = [[-1, -1, 0], [0, -1, 0], [0, 1, 0], [-1, 1, 0], [1, -1, -1], [1, 1, -1]]
+    ridge = trimesh.Trimesh(v, [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]], process=False)
+    paths = traced([SceneObject(ridge, "paint", 290.0)], Camera((-0.4, 0.1, 1), (-0.4, 0, 0), 28))
+    first = paths.start[:-1][np.diff(paths.start) > 1]
+    cos_zenith = paths.value[first + 1]
+    assert len(first) > 1000 and (cos_zenith > 0).all() and (cos_zenith < 1e-3).mean() < 2e-3
+
+
 # ---------------------------------------------------------------- against a naive tracer
 
 
