@@ -6,7 +6,7 @@ Parts, each of which may be run alone, interrupted and run again; what is done i
 
     zero-shot   the shipped weights, as they are
     scenes      fine-tuned on 48 training scenes, shaded again with the new library
-    cubes       fine-tuned by the physics loss alone, on 12 cubes of no known truth
+    cubes       fine-tuned on 12 cubes of no known truth
     scratch     trained from nothing as `texnet train` does, each scene shaded once
 
 All are measured on test scenes (other geometry, temperatures, skies) made of the new library, as

@@ -28,6 +28,8 @@ from physics.bands import equidistant_bands
 from physics.cube.heat_cube import HeatCube
 from physics.known import known_arrays
 from physics.library import SKY
+from physics.simulator import simulate
+from physics.simulator.presets import preset
 from physics.simulator.traced import TracedScene
 from texnet.circumstances import circumstances
 from texnet.cli import _parser, main
@@ -36,6 +38,7 @@ from texnet.files.library_io import with_sky
 from texnet.files.weights import load_network, save_network
 from texnet.learned import shipped_network, torch_model
 from texnet.methods import by_network
+from texnet.metrics import evaluate
 from texnet.network import TeXNet
 from texnet.pipeline import decompose
 from training.crops import CalibratedCube, Crops
@@ -85,6 +88,20 @@ def traced(cache):
 @pytest.fixture
 def cube(traced):
     return traced.shade(0, *equidistant_bands(20), netd_k=0.05)[0]
+
+
+def taken(cube, **answer):
+    """A HeatCube, answered to: all of it sand at 300 K, lit evenly by both of two objects."""
+    (height, width), index = cube.shape, NEW.names.index("sand")
+    material = np.full((height, width), index)
+    of = dict(
+        material=material, material_names=NEW.names,
+        material_probability=np.eye(len(NEW), dtype=np.float32)[:, material],
+        temperature_k=np.full((height, width), 300, np.float32), sky=(1,),
+        thermal_lighting=np.full((2, height, width), 0.5, np.float32),
+        environment=np.stack([cube.radiance.max((1, 2)), cube.radiance.min((1, 2))]),
+    )  # fmt: skip
+    return CalibratedCube(cube, SimpleNamespace(**of | answer))
 
 
 def weights(net):
@@ -301,12 +318,31 @@ def _of(scenes):
     return scenes.folder.parent, scenes.split
 
 
-def test_cubes_without_truth_lower_their_eq1_loss(cache, cube, monkeypatch):
-    monkeypatch.setattr(module, "PHYSICS_LEARNING_RATE", 5e-3)
+def test_half_of_the_bands_comes_to_tell_what_all_do(cache, cube, monkeypatch):
+    monkeypatch.setattr(module, "CUBES_LEARNING_RATE", 5e-3)
     # a dozen steps: three may lower it or not, as the crops fall
     better, history = finetune(network(), NEW, cache, epochs=12, cubes=[cube])
-    assert history["terms"] == "physics" and set(history["before"]) == {"eq1"}
-    assert history["after"]["eq1"] < history["before"]["eq1"]
+    assert history["terms"] == "supervised" and history["before"].keys() == history["after"].keys()
+    assert history["after"]["cross_entropy"] < history["before"]["cross_entropy"]
+
+
+def test_materials_get_no_worse_without_truth(tmp_path, monkeypatch):
+    """In a wood, whose mixed pixels fit wrong materials, and mixtures of curves, better than the
+    right one: by the misfit of Eq. 1 as many draws name 1.7 points fewer right."""
+    monkeypatch.setattr(module, "PER_EPOCH", 160)
+    monkeypatch.setattr(module, "CUBES_LEARNING_RATE", 2e-4)  # fewer steps should show
+    w, fwhm = equidistant_bands(18)
+    wood, truth = simulate(
+        preset("forest", 11), wavelength_um=w, fwhm_um=fwhm, size=(48, 72), spp=16
+    )
+    tuned, _ = finetune(shipped_network(), STARTER, tmp_path, epochs=1, cubes=[wood])
+    before, after = (
+        evaluate(decompose(wood, model=torch_model(net)), truth) for net in (None, tuned)
+    )
+    # as much as the draws' seed makes of it
+    assert after["material_accuracy"] > before["material_accuracy"] - 0.005
+    assert after["cross_entropy"] < before["cross_entropy"] + 0.03
+    assert after["temperature_rmse_k"] < before["temperature_rmse_k"] + 0.01
 
 
 def test_another_noise_is_another_run(cache, cube):
@@ -337,12 +373,11 @@ def test_all_that_is_held_out_is_measured(cache, cube, monkeypatch, of):
 
     class Measuring:
         def measures(self, sample, _):
-            crops.add(sample.radiance.sum().item())
-            return {"eq1": 0.0}
+            crops.add(sample.temperature_k.sum().item())
+            return {"accuracy": 0.0}
 
-    bands = cube.wavelength_um, cube.fwhm_um
-    bright = [HeatCube(cube.radiance * (1 + i / 99), *bands, 0.05) for i in range(of)]
-    module._measure(Measuring(), Crops(map(CalibratedCube, bright), with_sky(NEW), 0, 64))
+    warm = [taken(cube, temperature_k=np.full(cube.shape, 300.0 + i)) for i in range(of)]
+    module._measure(Measuring(), Crops(warm, with_sky(NEW), 0, 64))
     assert len(crops) == of
     crops.clear()
     measure = module._measure
@@ -371,11 +406,12 @@ def test_a_damaged_file_of_the_cache_is_named(tmp_path, what, monkeypatch):
 
 def test_many_cubes_take_few_open_files(cube):
     """Workers share tensors by an open file each, of which many systems allow 1024."""
-    many = Crops([CalibratedCube(cube)] * 3, NEW, 0, 96)
+    many = Crops([taken(cube)] * 3, NEW, 0, 96)
     tensors = [a for c in many.cubes for a in c if isinstance(a, torch.Tensor)]
-    assert len(tensors) == 3 and not any(
-        isinstance(a, torch.Tensor) for c in many.cubes for k in c[-1] for a in k.values()
-    )
+    of_views = [
+        a for c in many.cubes for v in c[-1] for a in (*v, *v.known.values(), *v.scene.values())
+    ]
+    assert len(tensors) == 3 and not any(isinstance(a, torch.Tensor) for a in of_views)
 
 
 def test_a_cube_that_does_not_fit_is_told(cube, cache):
@@ -387,20 +423,23 @@ def test_a_cube_that_does_not_fit_is_told(cube, cache):
 
 def test_crops_are_small_and_know_the_whole_cube(cube):
     tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
-    both = Crops([CalibratedCube(tall), CalibratedCube(cube)], NEW, 0, 96)
+    both = Crops([taken(tall), taken(cube)], NEW, 0, 96)
     assert len(both) == 2
     shapes = {tuple(both[i][0].radiance.shape) for i in range(4)}
-    assert shapes == {(20, 96, 24), (20, 24, 24)}
+    assert shapes == {(10, 96, 24), (10, 24, 24)}
     sample, _ = both[2]
-    again, _ = Crops([CalibratedCube(tall), CalibratedCube(cube)], NEW, 0, 96)[2]
-    assert torch.equal(sample.radiance, again.radiance) and sample.material is None
-    environments = [k["environment"] for k in both.cubes[0][-1]]
+    again, _ = Crops([taken(tall), taken(cube)], NEW, 0, 96)[2]
+    assert torch.equal(sample.radiance, again.radiance)
+    environments = [v.known["environment"] for v in both.cubes[0][-1]]
     assert any(np.array_equal(sample.known.environment, e) for e in environments)
     narrow = MaterialLibrary(NEW.names, [9.0, 12.0], NEW.at([9.0, 12.0]))
     with pytest.raises(InputError, match="its curves cover 9-12 um"):
-        Crops([CalibratedCube(cube)], narrow, 0, 96)
+        Crops([taken(cube)], narrow, 0, 96)
     pixel = HeatCube(cube.radiance[:, :1, :1], cube.wavelength_um, cube.fwhm_um, 0.05)
-    assert len(Crops([CalibratedCube(pixel)], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
+    assert len(Crops([taken(pixel)], NEW, 0, 96).cubes[0][-1]) == 1  # one object at most
+    few = cube.only(np.arange(cube.bands) < 3)
+    with pytest.raises(InputError, match="needs 4 or more"):
+        Crops([taken(few)], NEW, 0, 96)
 
 
 def test_a_camera_s_gain_is_not_learned():
@@ -420,8 +459,8 @@ def test_a_sky_that_decompose_assumes_is_learned_with():
     taken = calibrated(below, STARTER, shipped_network())
     assert bool(taken.assumed_air) == decompose(below, model=torch_model()).sky_assumed
     for air in (None, taken.assumed_air):
-        crops = Crops([CalibratedCube(taken.cube, air)], STARTER, 0, 96)
-        skies = [k["sky_object"].sum() for k in crops.cubes[0][-1]]
+        crops = Crops([taken._replace(assumed_air=air)], STARTER, 0, 96)
+        skies = [v.known["sky_object"].sum() for v in crops.cubes[0][-1]]
         assert (np.array(skies[1:]) > 0).all() == bool(air) and skies[0] == 0
 
 
@@ -435,14 +474,15 @@ def test_curves_that_decompose_takes_to_be_off_are_learned_with_as_such():
     alike, certain = (
         Crops([of], off, 0, 96).cubes[0][-1] for of in (taken, taken._replace(curve_error=0.0))
     )
-    for k, without in zip(alike, certain, strict=True):
-        assert len(k["curve_spread"]) and not len(without["curve_spread"])
+    for view, without in zip(alike, certain, strict=True):
+        assert len(view.known["curve_spread"]) and not len(without.known["curve_spread"])
     # those of the environment that decompose answers in, which its usual V tells
     found = circumstances(seen, off, by_network(off, torch_model()).looks, k=3).environment
     assert found.usual_lighting is not None
     own = known_arrays(taken.cube, off, found)
-    for name in ("usual_lighting", "curve_spread"):
-        np.testing.assert_allclose(alike[2][name], own[name], rtol=1e-5)
+    seen, told = alike[2].seen, alike[2].known
+    np.testing.assert_allclose(told["usual_lighting"], own["usual_lighting"], rtol=1e-5)
+    np.testing.assert_allclose(told["curve_spread"], own["curve_spread"][:, seen], rtol=1e-5)
 
 
 def test_the_usual_lighting_that_decompose_finds_is_learned_with():
@@ -456,22 +496,79 @@ def test_the_usual_lighting_that_decompose_finds_is_learned_with():
         looks = by_network(STARTER, torch_model()).looks
         found = circumstances(cube, STARTER, looks, k=4).environment
         assert found.usual_lighting is not None
-        usual = Crops([taken], STARTER, 0, 96).cubes[0][-1][3]["usual_lighting"]
+        usual = Crops([taken], STARTER, 0, 96).cubes[0][-1][3].known["usual_lighting"]
         np.testing.assert_allclose(usual, found.usual_lighting, rtol=1e-5)
     everywhere = Crops([taken._replace(left_out=None)], STARTER, 0, 96).cubes[0][-1][3]
-    assert not np.allclose(everywhere["usual_lighting"], usual)
+    assert not np.allclose(everywhere.known["usual_lighting"], usual)
+
+
+def test_the_answer_lies_where_the_crop_lies(cube):
+    tall = HeatCube(np.tile(cube.radiance, (1, 5, 1)), cube.wavelength_um, cube.fwhm_um, 0.05)
+    t = 280 + np.arange(tall.dead.size, dtype=np.float32).reshape(tall.shape) / 100
+    v = np.stack([t - t.min(), t.max() - t]) / np.ptp(t)
+    of = taken(tall, temperature_k=t, thermal_lighting=v)
+    crops, glances = Crops([of], NEW, 0, 20), 0
+    views = {v.known["environment"].tobytes(): v.seen for v in crops.cubes[0][-1]}
+    assert len({seen.tobytes() for seen in views.values()}) > 2  # other halves of the bands
+    for i in range(12):
+        s, _ = crops[i]
+        seen = views[s.known.environment.numpy().tobytes()]
+        top, left = np.argwhere(t == s.temperature_k[0, 0].item())[0]
+        at = slice(top, top + 20), slice(left, left + 20)
+        np.testing.assert_array_equal(s.temperature_k, t[at])
+        np.testing.assert_array_equal(s.radiance, tall.radiance[seen][:, *at])
+        np.testing.assert_array_equal(s.sky_view, v[1][at])
+        x = np.tensordot(of.answer.environment.T, v[:, *at], 1)[seen]
+        np.testing.assert_allclose(s.texture, x, rtol=1e-5)
+        if s.glance:
+            glances += 1
+            assert (s.glance.top, s.glance.left) == (top, left)
+            # the mean of a patch is among the pixels that it is the mean of
+            patch = tall.radiance[seen][:, top : top + 8, left : left + 8]
+            step = s.glance.step
+            near = s.glance.radiance[:, top // step + 1, left // step].numpy()
+            assert (near <= patch.max((1, 2))).all() and (near >= patch.min((1, 2))).all()
+    assert 2 <= glances <= 10
+
+
+def test_what_was_in_doubt_remains_so(cube):
+    """Materials are drawn by their probability; what is sky has no T."""
+    p = np.zeros((len(NEW), *cube.shape), np.float32)
+    sand, steel, sky = (NEW.names.index(name) for name in ("sand", "steel", "sky"))
+    p[sand], p[steel] = 0.7, 0.3
+    p[:, 0], p[sky, 0] = 0, 1
+    material = p.argmax(0)
+    sample, _ = Crops([taken(cube, material_probability=p, material=material)], NEW, 0, 96)[0]
+    assert (sample.material[0] == sky).all() and not sample.ground[0].any()
+    below = sample.material[1:]
+    assert ((below == sand) | (below == steel)).all() and sample.ground[1:].all()
+    n = below.numel()
+    assert (below == sand).float().mean() == pytest.approx(0.7, abs=4 * (0.21 / n) ** 0.5)
+
+
+def test_of_a_fire_nothing_is_learned():
+    """Neither of it nor of what is answered to it: it is as if it had not been measured."""
+    seen = traced_cube("street", 8)[0]
+    hot = seen.radiance.copy()
+    hot[:, 20:24, 8:16] *= 40
+    fire = HeatCube(hot, seen.wavelength_um, seen.fwhm_um, seen.netd_k)
+    crops = Crops([calibrated(fire, STARTER, shipped_network())], STARTER, 0, 96)
+    for i in range(4):
+        sample, _ = crops[i]
+        assert sample.radiance.max() < 1.2 * seen.radiance.max()
+        assert sample.temperature_k.max() < 400
 
 
 def test_crops_show_what_was_measured(cube):
     s = np.zeros((cube.bands, 60, 200), np.float32)
     s[:, :, :100] = np.tile(cube.radiance, (1, 3, 5))[:, :60, :100]
     dead, whole = (
-        Crops([CalibratedCube(HeatCube(part, cube.wavelength_um, cube.fwhm_um, 0.05))], NEW, 0, 48)
+        Crops([taken(HeatCube(part, cube.wavelength_um, cube.fwhm_um, 0.05))], NEW, 0, 48)
         for part in (s, s[:, :, :100])
     )
     for i in range(20):
         crop = dead[i][0].radiance
-        assert crop.shape == whole[i][0].radiance.shape == (cube.bands, 48, 48)
+        assert crop.shape == whole[i][0].radiance.shape == (cube.bands // 2, 48, 48)
         # at most a tenth are copies of the last column
         assert (crop == crop[:, :, -1:]).all(dim=0).float().mean() < 0.2
 
@@ -511,8 +608,8 @@ def test_the_command_fine_tunes_on_scenes(capfd, files, cache, traced):
 
 def test_the_command_fine_tunes_on_cubes(capfd, files, cache):
     code, out, _ = run(capfd, command(files, cache, "--cubes", files / "cube.npz"))
-    assert code == 0 and "Eq. 1 loss" in out and (files / "out.safetensors").exists()
-    assert "compare on a cube with a truth" in out
+    assert code == 0 and "half of the cubes' bands" in out and (files / "out.safetensors").exists()
+    assert "compare on a cube with one" in out
     code, _, err = run(capfd, command(files, __file__, "--cubes", files / "cube.npz"))
     assert code == 2 and "cannot make the folder" in err
 

@@ -291,7 +291,7 @@ def _training(to):
     p.set_defaults(scenes=None)  # with --cubes there are none
     p.add_argument(
         "--cubes", metavar="CUBE", type=Path, nargs="+", default=[],
-        help="train on these alone, of which no truth is known, by Eq. 1; .exr or .npz",
+        help="train on these alone, of which no truth is known; .exr or .npz",
     )  # fmt: skip
 
     p = _add(to, "export", commands.export, "write a network as one ONNX file; minutes")

@@ -2,8 +2,9 @@
 
 With scenes   the training scenes' light paths are shaded again with the new curves (`reshade`)
               and trained on as in `train`, for a few epochs at a lower learning rate.
-With cubes    the physics loss alone is trained on somebody's own cubes, of which no truth is
-              known (`crops`), without what the network so far finds wrong with the camera.
+With cubes    it is trained on somebody's own cubes, of which no truth is known, to see in half
+              of the bands what it so far answers to all of them (`crops`), without what it finds
+              wrong with the camera.
 
 Zero-shot is neither: the network takes any library as it is.
 """
@@ -25,13 +26,14 @@ from texnet.circumstances import circumstances
 from texnet.files.library_io import with_sky
 from texnet.learned import check_device, torch_model
 from texnet.methods import by_network
+from texnet.pipeline import answered
 
-from .crops import CalibratedCube, Crops
+from .crops import CalibratedCube, Crops, learned
 from .reshade import ReshadedSet
 from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
 
 LEARNING_RATE = 5e-4  # a quarter of training's
-PHYSICS_LEARNING_RATE = 1e-4  # Eq. 1 alone says little of materials: keep near what is known
+CUBES_LEARNING_RATE = 1e-4  # its own answers are not the truth: keep near what is known
 PER_EPOCH = 160  # draws
 SCENES, EPOCHS = 48, 3  # 3 % of the scenes and of the draws of `train`
 HELD_OUT = 8  # validation scenes, or at least so many crops of the cubes, one of each at least
@@ -49,13 +51,14 @@ def finetune(
               goes on from its last epoch to the same result
     scenes    to shade again and train on, if there are no cubes
     epochs    of 160 draws each
-    cubes     HeatCubes; if any, the physics loss on them is all that is trained on
+    cubes     HeatCubes of 4 bands or more; if any, they are all that is trained on
     seed      same seed, same weights
     device    "cpu" or "cuda", for the network
     progress  called as progress(done, total, what) after each scene and each draw
 
     history is a dict of plain values: settings, minutes, what the training set was, and under
-    "before" and "after" the metrics on held-out scenes (or the Eq. 1 loss on the cubes).
+    "before" and "after" the metrics on held-out scenes; of cubes, on other crops of them, against
+    what the network that it started from answers.
     Raises InputError where library and cubes or 8-14 um do not fit together, or the library is a
     single material.
     """
@@ -68,7 +71,7 @@ def finetune(
     network = copy.deepcopy(network).train()
     start = time.perf_counter()
     if cubes:
-        terms, rate = "physics", PHYSICS_LEARNING_RATE
+        terms, rate = "supervised", CUBES_LEARNING_RATE
         whole = with_sky(library)
         data = [
             (
@@ -122,12 +125,13 @@ def finetune(
 
 def calibrated(cube, library, network, device="cpu"):
     """What `decompose` makes of a HeatCube by a TeXNet with USUAL_OBJECTS before any pixel is
-    solved, as a CalibratedCube: the cube that a right camera would have shown. Raises InputError as
-    that does.
+    solved, and then of the pixels that it has something to say of, as a CalibratedCube: the cube
+    that a right camera would have shown. Raises InputError as that does.
     """
-    looks = by_network(library, torch_model(network, device=device)).looks
-    of = circumstances(cube, library, looks, k=min(USUAL_OBJECTS, cube.measured_count))
-    return CalibratedCube(of.cube, of.assumed_air, of.found.curves, of.left_out)
+    way = by_network(library, torch_model(network, device=device))
+    of = circumstances(cube, library, way.looks, k=min(USUAL_OBJECTS, cube.measured_count))
+    answer = answered(of._replace(cube=learned(of.cube, of.left_out)), library, way)
+    return CalibratedCube(of.cube, answer, of.assumed_air, of.found.curves, of.left_out)
 
 
 def _measure(module, draws):

@@ -49,7 +49,7 @@ class Glance(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Input and truth, for height x width pixels; of what is not labelled, input alone.
+    """Input and truth, or what stands for it, for height x width pixels.
 
     known, radiance (bands, height, width)   as the network takes them
     material (height, width) int64 index into the library, temperature_k (height, width) K,
@@ -60,11 +60,11 @@ class Sample(NamedTuple):
 
     known: Known
     radiance: torch.Tensor
-    material: torch.Tensor | None = None
-    temperature_k: torch.Tensor | None = None
-    texture: torch.Tensor | None = None
-    sky_view: torch.Tensor | None = None
-    ground: torch.Tensor | None = None
+    material: torch.Tensor
+    temperature_k: torch.Tensor
+    texture: torch.Tensor
+    sky_view: torch.Tensor
+    ground: torch.Tensor
     glance: Glance | None = None
 
 

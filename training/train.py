@@ -175,8 +175,6 @@ class Training(lightning.LightningModule):
     def measures(self, sample, s):
         """How good the network is on a Sample and its Stem: a dict of scalars."""
         prediction = self.predict(sample, s)
-        if self.terms == "physics":
-            return {"eq1": eq1_loss(prediction, sample.known, sample.radiance)}
         right = (prediction.log_material.argmax(0) == sample.material).float().mean()
         entropy = cross_entropy(prediction, sample)
         error = (prediction.temperature_k - sample.temperature_k)[sample.ground]
