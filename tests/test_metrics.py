@@ -47,6 +47,15 @@ def test_known_shifts(truth):
     assert m["texture_ssim"] < 0
 
 
+@pytest.mark.parametrize("sigmas, within", [(0.95, (1, 1)), (1.05, (0, 1)), (2.05, (0, 0))])
+def test_errors_count_by_their_own_sigma(truth, sigmas, within):
+    d = made_up.perfect(truth)
+    d.temperature_sigma_k = np.random.default_rng(0).uniform(0.1, 2, truth.material.shape)
+    d.temperature_k = truth.temperature_k - sigmas * d.temperature_sigma_k
+    m = evaluate(d, truth)
+    assert (m["within_1_sigma"], m["within_2_sigma"]) == within
+
+
 def test_pixels_that_were_not_measured_count_nowhere(truth):
     """As beyond the edge of an orthorectified strip, where all maps are a guess."""
     d = made_up.perfect(truth)
@@ -116,6 +125,7 @@ def test_a_material_that_the_library_lacks_counts_as_wrong(truth):
     d.hue_deg = d.hue_deg[:3]
     d.material = np.where(is_bark, 0, d.material)
     d.material_probability = d.material_probability[:3]
+    d.material_probability[0, is_bark] = 1  # of what it is taken for
     m = evaluate(d, truth)
     assert m["material_accuracy"] == pytest.approx(1 - is_bark.mean())
     assert m["cross_entropy"] == pytest.approx(-is_bark.mean() * np.log(1e-6))

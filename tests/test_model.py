@@ -23,6 +23,7 @@ from physics.planck import planck
 from physics.refinement import GUESS_PRECISION, STEPS, TYPICAL_K
 from texnet.learned import torch_model
 from texnet.model import CLOSE_NATS, TeXModel
+from texnet.uncertainty import NET_OTHER_K
 
 SHAPE = (12, 15)
 
@@ -132,6 +133,60 @@ def test_texture_holds_the_deviation_of_the_surroundings():
     flat = tex.thermal_lighting.numpy().reshape(1, -1).T @ world.environment.radiance
     rms = lambda a: np.sqrt((a**2).mean())
     assert rms(ours - x) < 0.5 * rms(flat - x)
+
+
+def test_sigma_is_as_many_times_as_large_as_noise_is_more_than_stated():
+    """By Birge's ratio: T is as often within it as of a camera whose noise is known."""
+    world = world_of(seed=6, rich=False, shape=(24, 30), netd=0.02)
+    noisy = world.spectra + 3 * world.sigma * world.rng.normal(size=world.spectra.shape)
+    tex = answer(world.known(), world.cube_of(noisy))
+    right = tex.material.numpy().ravel() == world.material
+    off = np.abs(tex.temperature_k.numpy().ravel() - world.temperature)
+    within = (off < tex.temperature_sigma_k.numpy().ravel())[right].mean()
+    assert right.mean() > 0.9 and within > 0.683 - 4 * np.sqrt(0.22 / right.sum())
+
+
+def test_who_is_sure_of_the_material_is_as_sure_of_t_as_the_bands_are():
+    """And who is not by as much less as T may be off with another."""
+    world = world_of(seed=7, rich=False, netd=0.02)
+    known = world.known()
+    twin = known._replace(emissivity=known.emissivity.clone())
+    twin.emissivity[2] = twin.emissivity[3]
+    alone, doubtful = (answer(k, world.cube) for k in (known, twin))
+    p, q = (a.material_probability.amax(0) for a in (alone, doubtful))
+    sure, torn = p > 0.9999, (q < 0.6) & (p > 0.9999)
+    assert sure.sum() > 100 and torn.sum() > 20
+    assert alone.temperature_sigma_k[sure].median() < 0.3
+    more = doubtful.temperature_sigma_k[torn] ** 2 - NET_OTHER_K**2 * (1 - q[torn])
+    assert (more > 0).all() and more.sqrt().median() < 0.3
+
+
+def test_sigma_holds_the_t_of_every_material_that_is_as_likely():
+    """Grey bodies in two bands, of which one looks like another that is many kelvin colder."""
+    grey = MaterialLibrary(["black", "grey"], [7.0, 15.0], [[0.98, 0.98], [0.6, 0.6]])
+    of = np.arange(SHAPE[0] * SHAPE[1]) % 2
+    world = world_of(8, library=grey, material=of, sky=False, rich=False, k=1, bands=2, netd=1.0)
+    tex = answer(world.known(), world.cube, network(strength=1.0))
+    off = np.abs(tex.temperature_k.numpy().ravel() - world.temperature)
+    torn = tex.material_probability.numpy().max(axis=0).ravel() < 0.9
+    within = off < 2 * tex.temperature_sigma_k.numpy().ravel()
+    assert (torn & (off > 5)).sum() > 20 and within[torn].mean() > 0.9
+
+
+def test_what_sees_no_sky_has_no_texture_of_it_however_the_sky_deviates():
+    world = world_of(seed=9, shape=(20, 24), lighting=np.tile([0.0, 0.3, 0.7], (480, 1)))
+    tex = answer(world.known(), world.cube)
+    blind = tex.thermal_lighting[0] == 0
+    assert blind.sum() > 20 and (tex.sky_texture[blind] == 0).all()
+    assert (tex.sky_texture[tex.thermal_lighting[0] > 0.05] != 0).all()
+
+
+def test_a_sky_that_deviates_as_skies_in_view_do_leaves_noise_alone():
+    world = world_of(seed=10, shape=(24, 30))
+    cube, sky = sky_is_likelier(world, rows=8)
+    tex = answer(world.known(), cube)
+    chi2 = tex.residual.numpy()[sky & (tex.thermal_lighting.sum(0).numpy() < 0.5)] ** 2
+    assert chi2.size > 100 and chi2.mean() < 1 + 5 * np.sqrt(2 / world.bands / chi2.size)
 
 
 def test_refinement_lowers_the_cost_of_what_the_network_proposes():
@@ -311,6 +366,20 @@ def test_what_is_expected_counts_among_materials_that_look_alike():
     p = untrained(twin, image, expected).material_probability
     odds = (p[3] / p[2])[ours]
     torch.testing.assert_close(odds, torch.full_like(odds, np.exp(0.7)), rtol=0.02, atol=0)
+
+
+def test_what_is_named_against_what_the_pixel_says_itself_is_unknown():
+    """Though it fits as well as noise lets it, and is likely by what is expected."""
+    world = world_of(seed=11, rich=False, depth=(0.05, 0.15), bands=12, netd=0.1)
+    image = torch.from_numpy(world.cube.radiance.copy())
+    expected = torch.zeros(len(world.library), *SHAPE)
+    expected[3] = 20.0
+    tex, plain = untrained(world.known(), image, expected), untrained(world.known(), image)
+    named = (tex.material == 3) & (tex.material_probability[3] > 0.5) & (tex.residual < 1.9)
+    against = named & (plain.material_probability[3] < 1e-3)
+    assert against.sum() > 20 and tex.unknown[against].all()
+    agreed = named & (plain.material_probability[3] > 0.1)
+    assert agreed.sum() > 20 and not tex.unknown[agreed].any()
 
 
 def test_to_expect_all_alike_is_to_expect_nothing():

@@ -63,6 +63,10 @@ def test_any_shape_will_do(shape, bands):
     assert black(shape, bands).with_netd().netd_k == pytest.approx(0.1, rel=0.1)
 
 
+def test_of_one_band_it_is_how_a_pixel_differs_from_those_above_and_below():
+    assert black((150, 100), 1).with_netd().netd_k == pytest.approx(0.1, rel=0.05)
+
+
 def test_too_few_pixels_are_refused():
     with pytest.raises(InputError, match="twice as many measured pixels as bands"):
         black((1, 3), 2).with_netd()

@@ -54,6 +54,12 @@ def test_hue_follows_the_material_alone(answer):
     assert off.max() < 6, "more than rounding to bytes can explain"
 
 
+def test_hue_is_an_angle(answer):
+    before = tex_vision(answer)
+    answer.hue_deg = answer.hue_deg + [360, -360, 720, 0]
+    np.testing.assert_array_equal(tex_vision(answer), before)
+
+
 def ground_only(answer):
     answer.material = np.zeros_like(answer.material)
     return answer
@@ -95,6 +101,14 @@ def test_what_the_sky_s_pixels_hold_does_not_change_the_ground(answer):
     answer.temperature_k = np.where(sky, 200.0, answer.temperature_k)
     answer.sky_texture = np.where(sky, 99.0, answer.sky_texture)
     np.testing.assert_array_equal(tex_vision(answer)[~sky], before[~sky])
+
+
+def test_what_dead_pixels_hold_does_not_change_the_rest(answer):
+    answer.dead = np.random.default_rng(0).random(answer.material.shape) < 0.1
+    before = tex_vision(answer)
+    answer.temperature_k = np.where(answer.dead, 400.0, answer.temperature_k)
+    answer.sky_texture = np.where(answer.dead, 99.0, answer.sky_texture)
+    np.testing.assert_array_equal(tex_vision(answer)[~answer.dead], before[~answer.dead])
 
 
 def test_the_sky_is_even_whatever_may_stand_before_it(answer):
