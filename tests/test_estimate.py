@@ -14,7 +14,7 @@ from traced import names_of, one_thread, traced  # noqa: F401
 
 from physics import Environment, HeatCube, InputError, MaterialLibrary
 from physics.bands import band_means, equidistant_bands, quadrature
-from physics.estimate import Sample, _principal, completed, estimate_environment
+from physics.estimate import Sample, _principal, _row, completed, estimate_environment
 from physics.exact.distill import distill
 from physics.exact.reduced import SERIES_TOLERANCE, reduce_model
 from physics.planck import brightness_temperature, noise_sigma, planck, planck_derivative
@@ -428,6 +428,13 @@ def test_true_sky_comes_out_as_sky():
     assert np.concatenate(mirrors).mean() < 0.02
 
 
+def test_how_far_down_a_pixel_lies_is_told_of_what_was_measured_of_its_column():
+    dead = np.arange(12)[:, None] < np.array([0, 4, 8])  # as of a strip that is askew
+    top, bottom = np.array([0, 4 * 3 + 1, 8 * 3 + 2]), 11 * 3 + np.arange(3)
+    np.testing.assert_allclose(_row(dead, top), 0)
+    np.testing.assert_allclose(_row(dead, bottom), 1 - 1 / np.array([12, 8, 4]))
+
+
 def test_principal_deviations_have_the_covariance_of_all_but_noise():
     rng = np.random.default_rng(0)
     skies = rng.normal(size=(4000, 3)) * (7, 4, 2) @ np.linalg.qr(rng.normal(size=(12, 3)))[0].T
@@ -460,6 +467,9 @@ def test_the_seed_decides():
     a, b = (estimate_environment(cube, LIBRARY, 6, seed=3) for _ in range(2))
     for field in ("radiance", "spread", "sky_mean", "sky_spread"):
         np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
+    large = HeatCube(np.tile(cube.radiance, (2, 2)), cube.wavelength_um, netd_k=cube.netd_k)
+    sample, other = (Sample(large, LIBRARY, seed) for seed in (3, 4))
+    assert not np.array_equal(sample.spectra, other.spectra)
 
 
 @pytest.mark.parametrize("name", OUTDOORS)
@@ -553,12 +563,12 @@ def test_what_is_said_to_be_exact_or_off_is_believed():
 class Distilled:
     """Pixels of grass and metal by Eq. 1 under k = 3 objects, the first two being sky."""
 
-    def __init__(self, sky=(0, 1), spread=None, off=None, netd=0.05, noise=False):
+    def __init__(self, sky=(0, 1), spread=None, off=None, netd=0.05, noise=False, skylight=None):
         rng = np.random.default_rng(0)
         self.w = w = np.linspace(8.2, 13.8, 20)
         s = np.stack([0.4 * planck(w, 250.0), 0.6 * planck(w, 265.0), planck(w, 288.0)])
         in_view = s[list(sky)].mean(axis=0) if sky else None
-        self.environment = Environment(s, w, sky, spread, sky_mean=in_view)
+        self.environment = Environment(s, w, sky, spread, skylight, sky_mean=in_view)
         self.library = LIBRARY.subset(["grass", "aluminium", "sky"])
         cube = HeatCube(np.broadcast_to(s[2][:, None, None], (20, 4, 5)), w, netd_k=netd)
         self.model = reduce_model(cube, self.library, self.environment)
@@ -590,6 +600,13 @@ def test_only_the_sky_is_left_to_shine():
         ([0.3, 0.2, 0.5], 0.3 * means[0] + 0.2 * means[1]),
     ]:  # fmt: skip
         np.testing.assert_allclose(d(lighting)[1], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_where_no_sky_shines_its_deviation_does_not_either():
+    direction = 0.1 * planck(np.linspace(8.2, 13.8, 20), 250.0)
+    d = Distilled(skylight=direction[None], off=direction)
+    np.testing.assert_array_equal(d([0, 0, 1])[1], 0)
+    assert (np.abs(d([0.5, 0, 0.5])[1] - 0.5 * d.environment.radiance[0].mean()) > 1e-3).any()
 
 
 def test_sky_pixels_have_no_texture():

@@ -5,6 +5,7 @@ the algebra, never accuracy. The tests of refinement, network and model use it t
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from physics.hypotheses import (
     planck_series,
     set_up,
 )  # fmt: skip
-from physics.known import MAX_COMPONENTS, TERMS, Known, known_arrays
+from physics.known import MAX_COMPONENTS, MAX_T, TERMS, Known, known_arrays
 from physics.planck import noise_sigma, planck
 
 FWHM_UM = 0.2
@@ -670,6 +671,25 @@ def test_the_usual_temperature_is_that_of_most_pixels_whatever_they_are_made_of(
     t = np.where(np.arange(400) < 390, 290.0, 400.0)
     world = World(shape=(20, 20), temperature=t, depth=(0.3, 0.6))
     assert world.known().prior_k[0].item() == pytest.approx(290, abs=1)
+
+
+@pytest.mark.parametrize(("hot", "deviation"), [(0, 15), (1, 15), (18, 20)])
+def test_the_prior_spans_what_is_hot_but_for_a_pixel_or_two(hot, deviation):
+    """A fifth of 100 K, so that the hottest is five deviations away; what one shows is left out."""
+    temperature = np.where(np.arange(1200) < hot, 390.0, np.linspace(275, 305, 1200))
+    world = World(temperature=temperature, shape=(30, 40), depth=(0.01, 0.02), rich=False)
+    assert world.known().prior_k[1].item() == pytest.approx(deviation, rel=0.05)
+
+
+@pytest.mark.parametrize("kelvin", [112.0, 290.0])
+def test_no_t_that_may_be_answered_is_as_cold_as_absolute_zero(kelvin):
+    world = World(rich=False)
+    cube = HeatCube(planck(world.wavelength, kelvin)[:, None, None] * np.ones((6, 8)),
+                    world.wavelength, world.width, world.netd)  # fmt: skip
+    sky_mean = planck(world.wavelength, 70.0)
+    known = world.known(cube, environment=replace(world.environment, sky_mean=sky_mean))
+    mean, deviation = known.prior_k.tolist()
+    assert mean == pytest.approx(kelvin, abs=1) and mean - MAX_T * deviation > 29.9
 
 
 @pytest.mark.parametrize(("netd", "hot"), [(1e-3, 300.0), (0.01, 1500.0), (0.05, 2500.0)])

@@ -10,8 +10,8 @@ import pytest
 from traced import names_of, traced
 
 from physics.bands import equidistant_bands
-from physics.cube.heat_cube import HeatCube
-from physics.cube.hot import far_hotter, split_hot, spread_of_hot
+from physics.cube.heat_cube import MAX_NETD_K, HeatCube
+from physics.cube.hot import KNOWN, far_hotter, netd_k, split_hot, spread_of_hot
 from physics.estimate import estimate_environment
 from physics.library import MaterialLibrary
 from physics.planck import noise_sigma, planck
@@ -143,6 +143,14 @@ def test_the_share_of_the_picture_is_what_a_fire_may_light():
     hot = np.full((3, 4), 100.0)
     assert spread_of_hot(hot, 400) == pytest.approx(np.ones((1, 3)))
     assert spread_of_hot(hot, 8) == pytest.approx(5 * np.ones((1, 3)))
+
+
+def test_a_fire_is_known_to_a_share_of_its_light_and_to_the_camera_s_noise():
+    w = np.linspace(8, 14, 20)
+    cube = HeatCube(np.full((20, 1, 1), 8.0), w, netd_k=0.05)
+    of = lambda k: netd_k(cube, noise_sigma(w, k)[:, None] / KNOWN)
+    assert of(1e-6) == pytest.approx(0.05) and of(0.12) == pytest.approx(0.13)
+    assert of(1e3) == MAX_NETD_K  # more is no camera's
 
 
 def test_hot_pixels_are_those_far_above_half_of_the_picture_and_the_sun():

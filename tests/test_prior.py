@@ -125,6 +125,18 @@ def test_little_that_is_as_warm_as_the_air_looks_like_the_sky(bands):
     assert like_sky(cube.radiance[:, ~sky].T, around, sigma).mean() < 0.65 * alone
 
 
+def test_the_sky_is_what_differs_from_it_by_noise_or_as_skies_do():
+    """Not by many sigmas in all bands, nor by many of its own deviations."""
+    w, rng = np.linspace(8, 14, 30), np.random.default_rng(0)
+    sky, sigma = planck(w, 250.0), noise_sigma(w, 0.05)
+    of_air = 40 * sigma * np.cos(w)
+    around = Environment(sky[None], w, sky=(0,), sky_mean=sky, sky_spread=of_air[None])
+    noise = sigma * rng.choice([-1, 1], (200, 30))
+    like = lambda off: like_sky(sky + off, around, sigma).mean()
+    assert like(noise) == like(2 * noise) == like(noise + 2 * of_air) == 1
+    assert like(4.5 * noise) == like(noise + 3 * of_air) == 0
+
+
 @pytest.mark.parametrize("bands", [3, 6, 54])
 def test_a_rim_goes_from_the_mean_of_what_glows_in_a_band_to_the_mean_of_the_sky(bands):
     """Of wide bands, B at the centre is another by many times the noise."""

@@ -58,6 +58,13 @@ def test_a_camera_of_few_digits_is_not_saturated(seed, bits, spread_k):
     assert not saturated(HeatCube(np.round(s / step) * step, w, np.zeros(5), 0.05)).any()
 
 
+def test_values_that_are_all_as_frequent_are_no_pile():
+    s = np.repeat(np.linspace(7, 8, 40), 12).reshape(1, 20, 24)
+    assert not saturated(HeatCube(s, [10.0], None, 0.05)).any()
+    s[s > 7.85] = s.max()
+    assert saturated(HeatCube(s, [10.0], None, 0.05)).sum() == np.count_nonzero(s == s.max())
+
+
 def test_what_has_few_values_is_not_saturated():
     """Two plates without noise: no camera's picture."""
     w = np.linspace(8, 14, 5)
