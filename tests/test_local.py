@@ -346,3 +346,16 @@ def test_sigma_over_minima_is_that_of_a_mixture_of_gaussians():
     wanted = (weight @ [4 + 20**2, 1]) / weight.sum()
     assert _over_minima(nats, t, variance, 1) == pytest.approx(wanted)
     assert _over_minima(nats[1:2], t[1:2], variance[1:2], 0) == 1
+
+
+@pytest.mark.parametrize("kelvin", [260.0, 320.0])
+def test_of_a_black_body_whose_material_is_given_t_is_as_sure_as_all_bands_together(kelvin):
+    w = np.linspace(8, 14, 30)
+    black = MaterialLibrary(["black", "grey"], [7.0, 15.0], [[1.0, 1.0], [0.9, 0.9]])
+    around = Environment(planck(w, np.array([[260.0], [290.0]])), w)
+    cube = HeatCube(planck(w, kelvin)[:, None, None] * np.ones((1, 4)), w, netd_k=0.1)
+    model, none = reduce_model(cube, black, around), np.zeros(4)
+    _, t, _, sigma = solve_given(model, cube.spectra, np.zeros(4, int), none + 290, none, none)
+    in_all = np.sum((planck_derivative(w, kelvin) / noise_sigma(w, 0.1)) ** 2) ** -0.5
+    np.testing.assert_allclose(t, kelvin, atol=0.02)
+    np.testing.assert_allclose(sigma, in_all, rtol=0.01)
