@@ -102,6 +102,7 @@ def test_texnet_offers_the_pipeline_lazily():
         "import physics\n"
         "assert all(getattr(texnet, n) is getattr(physics, n) for n in physics.__all__)\n"
         "assert not hasattr(texnet, 'no_such_name')\n"
+        "assert texnet.__version__[0].isdigit()\n"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 

@@ -55,6 +55,8 @@ def __getattr__(name):
     # Lazy, because the pipeline loads sklearn and the command line must start at once.
     if name in _HOMES:
         return getattr(importlib.import_module(_HOMES[name]), name)
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version(__name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
