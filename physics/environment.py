@@ -12,8 +12,8 @@ from .planck import brightness_temperature, planck, planck_derivative
 from .prior import MIN_TEMPERATURE_SPREAD_K, SampledSpectra, lighting_scale
 
 MOST_OBJECTS = 10  # what a pixel takes grows with their square
-FAR_K = 100.0  # from the cube: in other units
-FAR_SKY_K = 150.0  # colder than the scene is no dry sky between 10 and 12 um
+HOTTER_K = 100.0  # than the cube: in other units
+COLDER_K = 150.0  # than it is no dry sky between 10 and 12 um, nor what lights a heated plate
 WARM_SKY_K = 60.0  # warmer than all that is seen is no sky, but an irradiance
 # an environment that is COLD_SKY_K colder than the scene, and if it were per cm-1 within NEAR_K of
 # it, is per cm-1; sky alone also if it were colder then by less than COLD_SKY_K
@@ -221,7 +221,7 @@ class Environment(ReadOnly):
         coldest, warmest = objects_k.mean(axis=1).min(), objects_k.max()
         scene_k = SampledSpectra.of(cube).brightness_k.mean(axis=1)
         half, hottest = np.median(scene_k), scene_k.max()
-        if coldest > hottest + FAR_K:
+        if coldest > hottest + HOTTER_K:
             raise InputError(
                 f"environment: all of it looks like {coldest:.0f} K and hotter, the cube like "
                 f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
@@ -242,7 +242,7 @@ class Environment(ReadOnly):
                 f"environment: it looks like {warmest:.0f} K at most, or like {converted:.0f} K if "
                 "it is per cm-1: then multiply it by 1e4 / wavelength^2 (um)."
             )
-        if warmest < half - (FAR_SKY_K if all_sky else FAR_K):
+        if warmest < half - COLDER_K:
             raise InputError(
                 f"environment: all of it looks like {warmest:.0f} K and colder, half of the cube "
                 f"like {half:.0f} K and warmer; give both in W m-2 sr-1 um-1."
