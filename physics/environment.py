@@ -78,7 +78,9 @@ class Environment(ReadOnly):
         sky = tuple(np.atleast_1d(self.sky).tolist())
         known = all(type(j) is int and j in range(len(s)) for j in sky)
         if not known or len(set(sky)) != len(sky):
-            raise InputError(f"environment: sky must hold different indices in 0..{len(s) - 1}.")
+            raise InputError(
+                f"environment: sky must hold different indices in 0..{len(s) - 1}, and is no mask."
+            )
         error = numbers(0.0 if self.error_k is None else self.error_k, "environment: error_k")
         if error.ndim or not 0 <= error <= 100:
             raise InputError(f"environment: error_k must be 0-100 K, got {self.error_k}.")
