@@ -140,6 +140,22 @@ def test_the_sky_overhead_is_not_behind_the_air():
     np.testing.assert_allclose(t * own.sky_mean + glow, seen.sky_mean)
 
 
+def test_deviations_are_corrected_as_what_deviates_by_them():
+    c = Calibration(1.1, 0.5, air=Air.of(300.0, 285.0, quadrature(W, FWHM)))
+    spectra, small = planck(W, np.array([[230.0], [290.0]])), 0.01 * planck(W, 280.0)
+    kinds = ("spread", "skylight_spread", "curve_spread", "sky_spread")
+    seen = Environment(
+        spectra, W, sky=(0,), sky_mean=planck(W, 280.0), **dict.fromkeys(kinds, small[None])
+    )
+    other = replace(seen, radiance=spectra + small, sky_mean=seen.sky_mean + small)
+    own, other = (corrected_environment(e, c) for e in (seen, other))
+    of_sky, of_ground = other.radiance - own.radiance
+    np.testing.assert_allclose(own.skylight_spread[0], of_sky)
+    np.testing.assert_allclose(own.spread[0], of_ground)
+    np.testing.assert_allclose(own.curve_spread[0], of_ground)
+    np.testing.assert_allclose(own.sky_spread[0], other.sky_mean - own.sky_mean)
+
+
 def searched(peak_m, peak_k, gains):
     """What is found where pixels are likelier by so many nats with so much air, and by less with
     more or less of it, or warmer or colder: the less there is, the less its temperature matters."""
@@ -382,6 +398,13 @@ def test_neither_the_sky_nor_what_is_dead_is_a_far_part_of_the_ground():
     # what little is unlike the sky may be noise
     few = replace(cube, dead=dead | ~is_sky)
     assert far(np.where(is_sky, 3.0, 400.0), few, environment) == 400 > is_sky.mean()
+
+
+def test_three_quarters_of_the_ground_are_nearer_than_a_far_pixel():
+    w, metres = np.array([9.0, 11.0]), np.linspace(10, 500, 400).reshape(20, 20)
+    cube = HeatCube(planck(w[:, None, None], np.full((20, 20), 290.0)), w, netd_k=0.05)
+    at = far(metres, cube, Environment(planck(w, np.array([[290.0]])), w))
+    assert (metres < at).mean() == pytest.approx(0.75, abs=0.01)
 
 
 def test_what_would_be_darker_than_dark_is_unlikely():

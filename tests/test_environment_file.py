@@ -225,6 +225,16 @@ def test_a_single_band(tmp_path, scene):
     np.testing.assert_array_equal(read(own), [[3.0], [8.0]])
 
 
+def test_a_single_band_is_averaged_though_one_row_lies_at_its_centre(tmp_path):
+    cube = HeatCube(np.full((1, 3, 3), 9.0), [9.83], [1.5], 0.05)
+    x = 9.83 + 0.1 * np.arange(-10, 11)
+    spectra = np.stack([5 + np.sin(9 * x), 8 + np.cos(7 * x)])
+    found = read_environment(table(tmp_path / "rows.csv", x=x, values=spectra), cube)[0]
+    right = means_of_samples(x, spectra, cube.wavelength_um, cube.fwhm_um)
+    np.testing.assert_allclose(found.radiance, right, rtol=0.02)
+    assert (np.abs(right[:, 0] - spectra[:, 10]) > 0.3).all()
+
+
 def test_narrow_bands_are_points(tmp_path, scene):
     cube = HeatCube(scene[0].radiance, CENTRE, netd_k=0.05)
     environment, _ = read_environment(table(tmp_path / "fine.csv"), cube)

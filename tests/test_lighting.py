@@ -95,6 +95,20 @@ def test_what_was_said_to_be_usual_stays():
     assert with_usual_lighting(said, world.cube, world.library) is said
 
 
+def test_how_much_of_the_picture_is_sky_does_not_matter():
+    """Its own pixels say nothing of how much it lights the ground."""
+    world = world_of(0.1, bands=12)
+    start = even(world.environment)
+    of_ground = share(with_usual_lighting(start, world.cube, world.library))
+    spectra, n = world.spectra.copy(), len(world.spectra)
+    sky = world.environment.sky_mean + world.sigma * world.rng.normal(size=(2 * n, world.bands))
+    cube = world.cube_of(np.concatenate([sky, spectra]), (3 * world.shape[0], world.shape[1]))
+    assert of_ground < 0.2
+    assert share(with_usual_lighting(start, cube, world.library)) == pytest.approx(
+        of_ground, abs=0.02
+    )
+
+
 def test_no_light_from_the_sky_leaves_it_the_least():
     world = world_of(1e-3, bands=24)
     found = with_usual_lighting(even(world.environment), world.cube, world.library)

@@ -593,3 +593,14 @@ def test_copies_of_pixels_say_nothing_new(times):
         axis = int(weight is right)
         np.testing.assert_allclose(of_copies, original.repeat(times, axis=1 - axis))
         assert np.count_nonzero(weight) == np.count_nonzero(of_copies)
+
+
+def test_nothing_is_smoothed_towards_a_dead_pixel():
+    s = planck(
+        np.linspace(8, 14, 5)[:, None, None], 290.0 + np.random.default_rng(0).random((6, 7))
+    )
+    dead = np.zeros((6, 7), bool)
+    dead[2, 3] = True
+    below, right = semiglobal.edge_weights(s, np.full(5, 0.01), dead)
+    assert np.argwhere(below == 0).tolist() == [[1, 3], [2, 3]]
+    assert np.argwhere(right == 0).tolist() == [[2, 2], [2, 3]]

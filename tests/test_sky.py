@@ -11,11 +11,13 @@ from physics.planck import brightness_temperature, planck
 from physics.sky import (
     RADIUS_KM,
     Atmosphere,
+    _temperature_k,
     air_mass,
     level_transmittance,
     sky_along,
     sky_radiance,
     slant,
+    usual_atmosphere,
     zenith_optical_depth,
 )
 
@@ -154,6 +156,19 @@ def test_air_mass_is_kasten_and_young():
     assert air_mass(1.0) == pytest.approx(1.0, abs=1e-9)
     assert air_mass(0.5) == pytest.approx(1.994, abs=0.002)  # their table, 30 deg elevation
     assert air_mass(0.0) == pytest.approx(37.9, abs=0.2)
+
+
+def test_the_profile_is_that_of_the_us_standard_atmosphere_of_1976():
+    km = np.array([0.0, 11.0, 20.0, 30.0, 32.0])
+    standard_k = [288.15, 216.65, 216.65, 226.65, 228.65]
+    np.testing.assert_allclose(_temperature_k(km, Atmosphere(288.15)), standard_k)
+
+
+@pytest.mark.parametrize(("celsius", "g_m3"), [(0, 4.85), (10, 9.4), (20, 17.3), (30, 30.4)])
+def test_usual_air_holds_half_of_the_vapour_that_it_can(celsius, g_m3):
+    """Handbooks' density of saturated vapour; of a scale height of 2 km."""
+    usual = usual_atmosphere(celsius + 273.15)
+    assert usual.water_cm == pytest.approx(0.5 * g_m3 * 2000 / 1e4, rel=0.01)
 
 
 def test_with_methane_and_nitrous_oxide_alone_the_sky_is_dark_but_for_their_bands():

@@ -252,6 +252,14 @@ def test_a_subsample_sees_every_column_alike(height, width, most):
     assert np.ptp(seen) <= 1
 
 
+def test_a_subsample_is_there_though_all_that_it_would_see_is_dead():
+    """Every fifth pixel is dead, and every fifth would be looked at."""
+    dead = (np.arange(100 * 101) % 5 == 0).reshape(100, 101)
+    cube = HeatCube(np.full((3, *dead.shape), 9.0), [9.0, 10.0, 11.0], netd_k=0.05, dead=dead)
+    at = cube.regular_pixels(1616)
+    assert len(at) == 1616 and not dead.ravel()[at].any()
+
+
 def test_a_few_warm_columns_are_not_the_scene():
     """320 columns and 3000 lines share many factors."""
     t = np.full((3000, 320), 285.0)

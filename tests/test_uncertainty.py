@@ -15,7 +15,7 @@ from physics.errors import InputError
 from physics.estimate import estimate_environment
 from physics.planck import brightness_temperature, noise_sigma, planck
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
-from texnet.camera.correction import RIGHT, Calibration
+from texnet.camera.correction import RIGHT, Calibration, corrected
 from texnet.cli import main
 from texnet.files.cube_io import write_cube
 from texnet.files.library_io import with_sky
@@ -25,6 +25,7 @@ from texnet.uncertainty import (
     SCATTER,
     SCATTER_OF_MATERIALS,
     local_trust,
+    shared_error_k,
     sigma_among_neighbours,
     smooth_trust,
     unreliable,
@@ -236,6 +237,27 @@ def test_a_level_error_of_a_curve_moves_t_as_eq_1_solved_anew_says(t, e, level):
     np.testing.assert_array_equal(
         with_level_error(np.full((2, 3), 0.3), maps, nothing, cube), np.float32(0.3)
     )
+
+
+def test_no_level_error_moves_t_by_more_than_is_known_beforehand():
+    """By Eq. 1 alone a mirror of e = 0.01 that may be 0.1 more is hundreds of kelvin off."""
+    w = np.linspace(8, 14, 20)
+    cube = HeatCube(np.tile(planck(w, 250.0)[:, None, None], (1, 2, 3)), w, netd_k=0.05)
+    maps = {
+        "material": np.zeros((2, 3), np.int16), "temperature_k": np.full((2, 3), 290.0),
+        "texture": np.tile(planck(w, 250.0)[:, None, None], (1, 2, 3)),
+    }  # fmt: skip
+    library = MaterialLibrary(("a", "b"), w, np.full((2, 20), 0.01), level_sigma=[0.1, 0])
+    sigma = with_level_error(np.full((2, 3), 0.3), maps, library, cube)
+    np.testing.assert_allclose(sigma, np.hypot(0.3, MIN_TEMPERATURE_SPREAD_K), rtol=1e-6)
+
+
+def test_an_error_that_all_bands_share_is_of_the_noise_that_was_stated():
+    """However much noise the cube is then taken to have."""
+    w = np.linspace(8, 14, 20)
+    cube = HeatCube(np.tile(planck(w, 290.0)[:, None, None], (1, 2, 3)), w, netd_k=0.05)
+    c = Calibration(noise=3.0, shared=6.0)
+    assert shared_error_k(c, corrected(cube, c)) == pytest.approx(6 * 0.05)
 
 
 def test_sigma_holds_what_the_level_of_the_curves_may_be_off():
