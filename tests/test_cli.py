@@ -286,20 +286,23 @@ def test_bands_then_simulate(capfd, tmp_path):
     assert "one width" in refused(capfd, *simulate, file)
 
 
+def said_of_scene(capfd, tmp_path, size, camera, *objects):
+    """What simulate says of a scene file of objects of soil."""
+    file, soil = tmp_path / "scene.json", {"material": "soil", "temperature_k": 287}
+    scene = {"camera": camera, "atmosphere": {}, "objects": [o | soil for o in objects]}
+    file.write_text(json.dumps(scene))
+    words = file, "--out", tmp_path / "night.npz", "--bands", 3, "--size", size, "--spp", 1
+    code, out, err = run(capfd, "simulate", *words)
+    assert code == 0, err
+    return out
+
+
 @pytest.mark.parametrize("side_m, said", [(10000, False), (20, True)])
 def test_a_ground_that_ends_in_view_is_said(capfd, tmp_path, side_m, said):
     # 3 m up and level: down to -20 degrees, of which -3 / 10 and flatter go past 10 m of ground
-    file = tmp_path / "ground.json"
-    file.write_text(json.dumps({
-        "camera": {"position": [0, 0, 3], "target": [0, 1, 3]}, "atmosphere": {},
-        "objects": [{"mesh": {"shape": "plane", "size": [side_m, side_m]}, "material": "soil",
-                     "temperature_k": 287}],
-    }))  # fmt: skip
-    code, out, err = run(
-        capfd, "simulate", file, "--out", tmp_path / "night.npz", "--bands", 3, "--size", "40x4",
-        "--spp", 1,
-    )  # fmt: skip
-    assert code == 0, err
+    camera = {"position": [0, 0, 3], "target": [0, 1, 3]}
+    plane = {"mesh": {"shape": "plane", "size": [side_m, side_m]}}
+    out = said_of_scene(capfd, tmp_path, "40x4", camera, plane)
     assert ("looks past the ground's end" in out) == said
     if said:
         past = 100 * 0.3 / np.tan(np.radians(20)) / 2
@@ -311,18 +314,11 @@ def test_objects_that_lie_in_one_another_are_named(capfd, tmp_path, above_m, sai
     """A road of 2 x 2 m on a ground, seen from 30 degrees above in a picture 4 m high."""
     plane = lambda name, side_m, z: {
         "name": name, "mesh": {"shape": "plane", "size": [side_m, side_m]},
-        "material": "soil", "temperature_k": 287, "translate": [0, 0, z], "rotate_z_deg": 20,
+        "translate": [0, 0, z], "rotate_z_deg": 20,
     }  # fmt: skip
-    file = tmp_path / "road.json"
-    file.write_text(json.dumps({
-        "camera": {"position": [0, -8.66, 5], "target": [0, 0, 0], "fov_deg": 22.6},
-        "atmosphere": {}, "objects": [plane("ground", 3000, 0), plane("road", 2, above_m)],
-    }))  # fmt: skip
-    code, out, err = run(
-        capfd, "simulate", file, "--out", tmp_path / "night.npz", "--bands", 3, "--size", "64x64",
-        "--spp", 1,
-    )  # fmt: skip
-    assert code == 0, err
+    camera = {"position": [0, -8.66, 5], "target": [0, 0, 0], "fov_deg": 22.6}
+    planes = plane("ground", 3000, 0), plane("road", 2, above_m)
+    out = said_of_scene(capfd, tmp_path, "64x64", camera, *planes)
     assert ("'ground' and 'road'" in out) == said
     if said:  # four square metres, half as high, of sixteen
         assert float(out.split("Warning: in ")[1].split("%")[0]) == pytest.approx(12.5, abs=0.5)
