@@ -28,7 +28,7 @@ LIGHT = [
     "physics/machinery/tiles.py", "texnet/by_tiles.py", "physics/hypotheses.py",
     "physics/known.py", "export/__init__.py", "texnet/runtime.py", "texnet/__init__.py",
     "texnet/cli.py", "texnet/commands.py", "texnet/decompose_command.py", "texnet/files/cube_io.py",
-    "texnet/stretch.py", "texnet/progress.py",
+    "texnet/stretch.py", "texnet/progress.py", "texnet/report.py", "texnet/decomposition.py",
 ]  # fmt: skip
 
 

@@ -5,12 +5,15 @@
     >>> cube, note = texnet.import_cube("flight.hdr", unit="microflick")  # of third parties
     >>> answer = texnet.decompose(cube)
     >>> answer.temperature_k, answer.temperature_sigma_k, answer.material, answer.unknown
+    >>> print(texnet.summary(answer, cube))  # what `texnet decompose` prints
     >>> picture = texnet.tex_vision(answer)
     >>> texnet.write_decomposition(answer, "answer")  # what `texnet decompose` writes
+    >>> answer = texnet.read_decomposition("answer")
 
 What to give `decompose`, and what else an answer holds, their docstrings say. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
+decomposition  the Decomposition
 circumstances  what lights a scene and what is wrong with or before the camera, from the cube
 camera      a package: what is wrong with or before the camera
 glance      which materials the scene holds, and where, from afar
@@ -28,6 +31,7 @@ learned     the same in torch, with the shipped weights or others
 files       a package: cubes, libraries, environments, filters and weights on disk
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
+report      what is said of an answer
 figures     every map with its truth; TeX vision beside today's pictures
 baselines   what people look at today: panchromatic, CLAHE, principal components
 metrics     the one module of metrics
@@ -41,11 +45,12 @@ cli         the command line (and __main__); what its commands do is in commands
 import importlib
 
 _HOMES = {
-    "Decomposition": "texnet.pipeline", "decompose": "texnet.pipeline",
+    "Decomposition": "texnet.decomposition", "decompose": "texnet.pipeline",
     "Environment": "physics", "HeatCube": "physics", "InputError": "physics",
     "MaterialLibrary": "physics",
     "import_cube": "texnet.files.cube_import", "read_cube": "texnet.files.cube_io",
-    "tex_vision": "texnet.vision", "write_cube": "texnet.files.cube_io",
+    "read_decomposition": "texnet.files.answer_file",
+    "summary": "texnet.report", "tex_vision": "texnet.vision", "write_cube": "texnet.files.cube_io",
     "write_decomposition": "texnet.outputs",
 }  # fmt: skip
 __all__ = list(_HOMES)

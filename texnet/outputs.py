@@ -1,6 +1,6 @@
 """What `texnet decompose` leaves in its folder: the numbers, the pictures, the maps.
 
-    decomposition.npz  every array, the keys as in NPZ_KEYS
+    decomposition.npz  every field of the Decomposition
     tex_vision.png     the TeX-vision picture, pixel for pixel
     maps.png           every map with its units (and truth and error where truth is known)
     comparison.png     TeX vision beside what people look at today, if wanted
@@ -20,22 +20,14 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 
-from physics.machinery.array_file import save_arrays
-
+from .decomposition import check_decomposition
 from .figures import comparison_figure, maps_figure, own_style
+from .files.answer_file import NPZ, save_decomposition
 from .files.answer_folder import check_directory
 from .files.exr_file import write_exr
-from .vision import check_decomposition, tex_vision
+from .vision import tex_vision
 
 PREFIX = ".texnet-"  # of the hidden folder in which files are made
-NPZ_KEYS = (
-    "temperature_k", "material", "material_names", "emissivity", "thermal_lighting", "environment",
-    "texture", "sky_texture", "residual", "temperature_sigma_k", "material_probability", "unknown",
-    "saturated", "dead", "hot", "wavelength_um", "spectral_shift_um", "gain", "band_gains",
-    "offset_k", "air_m", "air_k", "air_error", "air_error_k", "hue_deg", "sky", "sky_assumed",
-    "camera_netd_k", "netd_k", "noise_raised", "curve_error", "calibration_error_k",
-    "suspected_error_k", "left_out", "environment_error_k",
-)  # fmt: skip
 
 
 def write_decomposition(decomposition, directory, pictures=None, truth=None):
@@ -65,13 +57,13 @@ def write_decomposition(decomposition, directory, pictures=None, truth=None):
                     comparison_figure(decomposition, pictures, truth, made / "comparison.png")
             written.result()
         directory.mkdir(exist_ok=True)
-        older = (directory / "decomposition.npz").exists()  # else the picture is somebody's own
+        older = (directory / NPZ).exists()  # else the picture is somebody's own
         for file in made.iterdir():
             os.replace(file, directory / file.name)
         if pictures is None and older:
             (directory / "comparison.png").unlink(missing_ok=True)
     paths = {
-        "decomposition": directory / "decomposition.npz",
+        "decomposition": directory / NPZ,
         "tex_vision": directory / "tex_vision.png",
         "maps": directory / "maps.png",
         "maps_exr": directory / "maps.exr",
@@ -96,20 +88,8 @@ def _as_of(directory):
 
 
 def _write_numbers(d, directory):
-    _save_arrays(d, directory / "decomposition.npz")
+    save_decomposition(d, directory / NPZ)
     _write_maps_exr(d, directory / "maps.exr")
-
-
-def _save_arrays(d, path):
-    arrays = {key: getattr(d, key) for key in NPZ_KEYS}
-    # Text as fixed-width unicode, an absent sky as no index: npz without pickle has no None.
-    arrays["material_names"] = np.array(d.material_names, dtype=np.str_)
-    arrays["sky"] = np.asarray(d.sky, np.int64)
-    arrays["left_out"] = np.array(list(d.left_out), np.float64)
-    if d.distance_m is not None:
-        arrays["distance_m"] = d.distance_m
-    # X is as random as its noise: packing it costs seconds, saves little
-    save_arrays(path, arrays, compress=False)
 
 
 def _write_maps_exr(d, path):
@@ -123,4 +103,5 @@ def _write_maps_exr(d, path):
         "skyTexture": d.sky_texture,
     } | {f"V.{j}": v for j, v in enumerate(d.thermal_lighting)}
     channels = {name: np.ascontiguousarray(m, dtype=np.float32) for name, m in maps.items()}
-    write_exr({"materialNames": json.dumps(d.material_names)}, channels, path)
+    header = {"materialNames": json.dumps(d.material_names), "madeBy": json.dumps(d.made_by)}
+    write_exr(header, channels, path)

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.colors import hsv_to_rgb
 
 from physics.cube.dead_pixels import gaps
-from physics.errors import InputError
 
+from .decomposition import check_decomposition
 from .metrics import non_sky
 from .stretch import stretch
 
@@ -46,15 +46,6 @@ def tex_vision(decomposition):
     )
     hsv[gaps(d.dead), 2] = 0
     return np.rint(255 * hsv_to_rgb(hsv)).astype(np.uint8)
-
-
-def check_decomposition(decomposition):
-    """Raise InputError for what has no map of materials, as a cube has none."""
-    if not hasattr(decomposition, "material_names"):
-        raise InputError(
-            "decomposition: it must be what texnet.decompose returns, got "
-            f"{type(decomposition).__name__}."
-        )
 
 
 def _between(ends, unit):

@@ -36,14 +36,14 @@ class _Released:
         scratch.release(self.array)
 
 
-def load_arrays(path, names, what):
-    """Read the arrays of these names -> dict; InputError, which starts with `what`, if not all
-    are there or the file is damaged."""
+def load_arrays(path, names, what, optional=()):
+    """Read the arrays of these names, and the optional ones that are there -> dict; InputError,
+    which starts with `what`, if not all are there or the file is damaged."""
     try:
         # Opened here, because np.load leaks the file if it is no whole zip.
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             missing = [n for n in names if n not in data.files]
-            arrays = {n: data[n] for n in names if n in data.files}
+            arrays = {n: data[n] for n in (*names, *optional) if n in data.files}
     except BROKEN_NPZ as e:
         reason = getattr(e, "strerror", None) or "it is not a whole npz file of plain arrays"
         raise InputError(f"{what}: cannot read {path}: {reason}.") from e

@@ -11,6 +11,7 @@ library_io   libraries, also third parties' (HADAR .mat, ECOSTRESS, ENVI, CSV)
 environment_file  a measured environment, at a cube's bands
 text_table   tables of text, as the last two read
 wavelengths  as all these files state them, in um and in ascending order
+answer_file  decomposition.npz
 answer_folder  where an answer is written
 band_file    filters, as `texnet bands` designs them
 weights      a network's weights
