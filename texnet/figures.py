@@ -273,9 +273,11 @@ def _legend(hues, d, truth=None):
         lacking = names_lacking(d, truth)[0]
         there = names_in_view(truth, LEAST_SHARE, ~d.dead)
         labels |= {n: f"{n} (truth)" if n in lacking else n for n in there}
-    more = max(0, len(labels) - MOST_NAMES)
+    full = max(0, len(labels) - MOST_NAMES)
     rarest = [n for n in labels if n not in there][::-1] + there[::-1]
-    shown = {label: colour_of(hues[n]) for n, label in labels.items() if n not in rarest[:more]}
+    shown = {label: colour_of(hues[n]) for n, label in labels.items() if n not in rarest[:full]}
+    everything = {n for a in (d, truth) if a is not None for n in names_in_view(a, 0, ~d.dead)}
+    more = len(everything) - len(shown)
     return shown | ({f"and {more} more": "none"} if more else {})
 
 

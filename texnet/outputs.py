@@ -20,7 +20,9 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 
-from .decomposition import check_decomposition
+from physics.truth import Truth
+
+from .decomposition import Decomposition, check_decomposition
 from .figures import comparison_figure, maps_figure, own_style
 from .files.answer_file import NPZ, save_decomposition
 from .files.answer_folder import check_directory
@@ -30,7 +32,12 @@ from .vision import tex_vision
 PREFIX = ".texnet-"  # of the hidden folder in which files are made
 
 
-def write_decomposition(decomposition, directory, pictures=None, truth=None):
+def write_decomposition(
+    decomposition: Decomposition,
+    directory: Path | str,
+    pictures: dict | None = None,
+    truth: Truth | None = None,
+) -> dict[str, Path]:
     """Write the files of a Decomposition into directory, made if it is not there.
 
     pictures  texnet.baselines.baseline_pictures of the cube, for comparison.png; None: without

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from physics.cube.heat_cube import LEAST_NETD_K
+from physics.cube.heat_cube import LEAST_NETD_K, HeatCube
 from physics.cube.unusual import USUAL_K, uneven_k
 from physics.errors import InputError
 from physics.library import SKY
 from physics.prior import SampledSpectra
 
-from .decomposition import check_decomposition
+from .decomposition import Decomposition, check_decomposition
 from .metrics import non_sky
 
 MANY_BANDS = 10  # fewer tell materials badly apart
@@ -25,13 +25,11 @@ WRONG = {
 SUSPICIOUS_K, SUSPICIOUS = 1.0, 10.0  # of noise, also times what is stated
 
 
-def summary(decomposition, cube):
+def summary(decomposition: Decomposition, cube: HeatCube) -> str:
     """What `texnet decompose` prints of an answer, a line each: noise, what was corrected and left
     out, what was found, and what looks suspicious.
 
-    decomposition  a Decomposition, of this cube, a HeatCube
-
-    Raises InputError where it is of another size or of other bands.
+    Raises InputError where the Decomposition is not of this cube, by its size or bands.
     """
     check_decomposition(decomposition)
     bands = np.isin(decomposition.wavelength_um, cube.wavelength_um)

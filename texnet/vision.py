@@ -10,7 +10,7 @@ from matplotlib.colors import hsv_to_rgb
 
 from physics.cube.dead_pixels import gaps
 
-from .decomposition import check_decomposition
+from .decomposition import Decomposition, check_decomposition
 from .metrics import non_sky
 from .stretch import stretch
 
@@ -20,7 +20,7 @@ GAMMA = 0.8  # lifts the shadows a little, as a photograph does
 SKY_SATURATION, SKY_VALUE = 0.25, 0.97  # pale and bright, as a clear sky by day
 
 
-def tex_vision(decomposition):
+def tex_vision(decomposition: Decomposition) -> np.ndarray:
     """The TeX-vision picture of a Decomposition: (height, width, 3) uint8 sRGB.
 
     hue         hue_deg of the pixel's material

@@ -28,7 +28,7 @@ AXES = {
 }  # fmt: skip
 
 
-def save_decomposition(d, path):
+def save_decomposition(d: Decomposition, path: Path | str) -> None:
     """Write a Decomposition as an npz of plain arrays, whole or not at all."""
     arrays = {f.name: getattr(d, f.name) for f in fields(Decomposition)}
     arrays |= {name: np.array(json.dumps(arrays[name], ensure_ascii=False)) for name in TEXTS}
@@ -45,7 +45,7 @@ def save_decomposition(d, path):
     save_arrays(path, arrays, compress=False)
 
 
-def read_decomposition(path):
+def read_decomposition(path: Path | str) -> Decomposition:
     """The Decomposition that `texnet decompose` or `write_decomposition` wrote, all in memory.
 
     path  its folder, or the decomposition.npz there

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
-from physics.cube.heat_cube import numbers
+from physics.cube.heat_cube import HeatCube, numbers
 from physics.errors import InputError
 from physics.machinery.array_file import BROKEN_NPY
 
@@ -47,9 +47,19 @@ GOOD_BANDS = ("good_band_indices", "good_bands", "band_indices", "valid_band_ind
 
 
 def import_cube(
-    path, unit=None, wavelengths_um=None, wavenumbers_cm1=None, netd_k=None, progress=None, *,
-    fwhm=None, response=None, rows=None, columns=None, range_um=None,
-):  # fmt: skip
+    path: Path | str,
+    unit: str | None = None,
+    wavelengths_um: tuple[float, float] | None = None,
+    wavenumbers_cm1: tuple[float, float] | None = None,
+    netd_k: float | None = None,
+    progress=None,
+    *,
+    fwhm: float | None = None,
+    response: str | None = None,
+    rows: slice | None = None,
+    columns: slice | None = None,
+    range_um: tuple[float, float] | None = None,
+) -> tuple[HeatCube, str]:
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
     unit             of its radiance, one of `units.UNIT_NAMES`; where the file leaves it open

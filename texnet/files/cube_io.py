@@ -60,7 +60,7 @@ def truth_path(cube_path):
     return Path(cube_path).with_suffix(".truth.npz")
 
 
-def read_cube(path):
+def read_cube(path: Path | str) -> HeatCube:
     """Read a heat cube from an .exr or .npz file (see the module for their layouts).
 
     Bands come back in um and W m-2 sr-1 um-1 whatever the file's own units, an .exr's in ascending
@@ -83,7 +83,7 @@ def read_cube(path):
         raise InputError(f"cube: {path} holds names or attributes that are not UTF-8.") from e
 
 
-def write_cube(cube, path):
+def write_cube(cube: HeatCube, path: Path | str) -> None:
     """Write a HeatCube to path, .exr or .npz, whole or not at all."""
     path = Path(path)
     _, write = _format(path)
