@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import trimesh
 from scipy.ndimage import distance_transform_edt
 
 from benchmarks.accuracy import NETD_K, K
@@ -20,6 +21,7 @@ from physics.machinery.provenance import fingerprint
 from physics.planck import noise_sigma, planck, planck_derivative
 from physics.simulator import Truth, trace_scene
 from physics.simulator.presets import preset
+from physics.simulator.scene import SceneObject
 from physics.simulator.sensor import Bands, add_noise
 from physics.simulator.trace import Tracer
 from physics.sky import Atmosphere, level_transmittance
@@ -28,28 +30,52 @@ from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS = (72, 96), 64, 54
 NO_CLOUD_KM = 50  # in place of infinity, which no axis has
+# of the plate of steel: from the camera; its height, as a share of the picture's
+PLATE_AT_M, PLATE_LEANS_DEG, PLATE_SIDE = 3.0, 20.0, 0.4
 
 
 @dataclass(frozen=True)
 class View:
-    """A test scene: a preset and its seed, how much of a mirror all its surfaces are, and which
-    draw of the sensor's noise is seen."""
+    """A test scene: a preset and its seed, how much of a mirror all its surfaces are, or a plate
+    of steel that is put before the camera, and which draw of the sensor's noise is seen."""
 
     name: str
     seed: int
     mirror: float = 0.0
+    plate: float | None = None
     draw: int = 0
 
     @property
     def traced(self):
-        return replace(_traced(self.name, self.seed, self.mirror), seed=self.draw)
+        return replace(_traced(self.name, self.seed, self.mirror, self.plate), seed=self.draw)
 
 
 @lru_cache(maxsize=8)
-def _traced(name, seed, mirror):
+def _traced(name, seed, mirror, plate):
     scene = preset(name, seed)
     scene = replace(scene, objects=[replace(o, mirror=mirror) for o in scene.objects])
+    if plate is not None:
+        scene = replace(scene, objects=[*scene.objects, steel_plate(scene, plate)])
     return trace_scene(scene, SIZE, SPP, seed, MaterialLibrary.starter())
+
+
+def steel_plate(scene, mirror):
+    """A SceneObject in the middle of the picture, an eighth of it, that leans over the ground it
+    mirrors: 5 K warmer than the air, 3 m away."""
+    camera = scene.camera
+    ahead = np.subtract(camera.target, camera.position)
+    right = np.cross(ahead, [0, 0, 1])
+    ahead, right = (a / np.linalg.norm(a) for a in (ahead, right))
+    level = np.cross([0, 0, 1], right)
+    lean = np.deg2rad(PLATE_LEANS_DEG)
+    back = np.cos(lean) * level + np.sin(lean) * np.array([0, 0, 1])  # away from what it faces
+    turned = np.eye(4)
+    turned[:3, :3] = np.stack([right, back, np.cross(right, back)], axis=1)
+    turned[:3, 3] = camera.position + PLATE_AT_M * ahead
+    side = PLATE_SIDE * 2 * PLATE_AT_M * np.tan(np.deg2rad(camera.fov_deg / 2))
+    plate = trimesh.creation.box((1.3 * side, 0.01, side), turned)
+    warm = scene.atmosphere.air_temperature_k + 5
+    return SceneObject(plate, "steel", warm, smooth=False, mirror=mirror)
 
 
 @dataclass(frozen=True)
@@ -310,6 +336,10 @@ def mirrors(view, library, share):
     return Case(*shaded(replace(view, mirror=share), library), library)
 
 
+def polished_plate(view, library, share):
+    return Case(*shaded(replace(view, plate=share), library), library)
+
+
 def air_between(view, library, metres):
     """So many metres of air before half of the ground, and more and less before the rest. It is as
     humid as the scene's, and absorbs a third more and less than the sky's own, by turns."""
@@ -423,6 +453,9 @@ AXES = {
     "noisy bands": Axis("how many are noisy", (0, 1, 2, 5, 10), noisy_bands),
     "stripes": Axis("stripes' sigma (NETD)", (0, 0.5, 1, 3, 10), stripes),
     "mirror-like surfaces": Axis("share of the reflection", (0, 0.1, 0.3, 0.6, 1), mirrors),
+    "polished steel": Axis(
+        "an eighth of the picture; share of the reflection", (0, 0.1, 0.3, 0.6, 1), polished_plate
+    ),
     "saturation": Axis("saturated in each band (%)", (0, 1, 5, 20, 50), saturated_pixels),
     "hot part": Axis("pixels 300 K hotter (%)", (0, 1, 3, 6, 10), hot_part),
     "air between": Axis("m to half of the ground", (0, 10, 30, 100, 300, 1000), air_between),
