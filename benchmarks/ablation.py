@@ -1,15 +1,14 @@
-"""What each part of the network and of its loss earns: short trainings, one change each.
+"""What each part of the network and of its loss contributes: short trainings, one change each.
 
     python -m benchmarks.ablation --out DIR [--cache DIR] [--epochs N] [--variants NAME ...]
 
 All variants see the same draws of the scenes of `texnet train`, in one run, for a fifth of its
 epochs, and are measured on the validation scenes, the network alone: cross entropy, accuracy,
-T RMSE, each a mean over two seeds. `seeds` is half the difference that the seed makes in cross
-entropy, `standard_error` that of the difference to the first variant, which is the shipped form
-unless others are named, over the scenes. Costs are
-parameters, and multiply-adds per pixel of the convolutions. Writes ablation.csv, ablation.png and
-the weights of the first seed, VARIANT.safetensors, for `texnet bench chart --network`; a stopped
-run goes on from its last epoch.
+T RMSE, each a mean over two seeds. `seeds` is half the difference in cross entropy between the
+seeds, `standard_error` that of the difference to the first variant (the shipped form, unless others
+are named) over the scenes. Costs are parameters, and multiply-adds per pixel of the convolutions.
+Writes ablation.csv, ablation.png and the weights of the first seed, VARIANT.safetensors, for
+`texnet bench chart --network`; a stopped run resumes from its last epoch.
 """
 
 import argparse
@@ -43,7 +42,7 @@ OFF_SCALE = 2.0  # nats
 
 
 class Together(train.Training):
-    """Trainings that see the same draws, each as if it were alone."""
+    """Trainings that see the same draws, each independent of the others."""
 
     def __init__(self, trainings, steps):
         super().__init__(torch.nn.ModuleDict(trainings), steps)
@@ -57,7 +56,7 @@ class Together(train.Training):
 
 
 def compare(out, cache, epochs, variants=tuple(VARIANTS), progress=None):
-    """Train variants, write weights into out -> a row of costs and validation metrics each."""
+    """Train variants, write weights into out -> a row of costs and validation metrics for each."""
     sets = [
         SceneSet(cache, "train", train.SCENES),
         SceneSet(cache, "validation", train.VALIDATION_SCENES),

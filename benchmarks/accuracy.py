@@ -3,19 +3,19 @@
     texnet bench accuracy --out DIR [--enclosed] [--finer TIMES]
 
 Twenty-four random scenes of the test split (seeds from 3,000,000; training uses 1,000,000 and
-2,000,000, tuning 5,000,000 and more): in fewer, one or two with much bare metal decide about the
-error of temperature. The presets are not among them: other seeds of these, which differ little,
-were used for tuning. Each is path-traced once and shaded in 4, 9, 18, 54 and 100 bands over 8-14
-um, noise 50 mK; the environment is estimated from the noisy cube with k = 5 objects; the library is
-the whole starter library. `net+sgd` is the ONNX file, as users get it. Everything runs on two
-threads. --enclosed takes the same scenes in woods and streets, if outdoors (`enclosed`); --finer
-traces scenes with so many times the pixels on each side.
+2,000,000, tuning 5,000,000 and more); with fewer, one or two with much bare metal would dominate
+the temperature error. The presets are not among them: other seeds of these, which differ little,
+were used for tuning. Each scene is path-traced once and shaded in 4, 9, 18, 54 and 100 bands over
+8-14 um, noise 50 mK; the environment is estimated from the noisy cube with k = 5 objects; the
+library is the whole starter library. `net+sgd` is the ONNX file, as users get it. Everything runs
+on two threads. --enclosed places the same scenes, if outdoors, in woods and streets (`enclosed`);
+--finer traces them with so many times the pixels on each side.
 
-Writes accuracy.csv, one row per scene, bands and method; confusion.csv, how many pixels of a
-material got which name there; methods.csv, the means that `texnet decompose --budget` goes by. Goes
-on after the last whole scene, if these are of the same code and arguments, and replaces them, if
-not. Prints the means, in how much of each scene nothing is known, scene by scene how far net+sgd is
-from the others, and what materials the last method takes for which.
+Writes accuracy.csv, one row per scene, bands and method; confusion.csv, the pixels of each material
+that got each name; methods.csv, the means that `texnet decompose --budget` uses. Resumes after the
+last complete scene if earlier ones have the same code and arguments, and replaces them if not.
+Prints the means, the share of each scene that is unknown, the difference of net+sgd from the other
+methods by scene, and which materials the last method mistakes for which.
 """
 
 import time
@@ -50,9 +50,9 @@ LESS_IS_BETTER = ("temperature_rmse_k", "temperature_mae_k", "cross_entropy")
 
 
 def test_scenes(scenes=SCENES, done=(), finer=1, kind="random"):
-    """Yield name and TracedScene of the first test scenes but those whose names are in done; rooms
-    without sky among them. They have SIZE pixels, or finer times as many on each side; kind is
-    "random" or "enclosed"."""
+    """Yield name and TracedScene of the first test scenes, including rooms without sky, except
+    those whose names are in done. They have SIZE pixels, or finer times as many on each side; kind
+    is "random" or "enclosed"."""
     size = tuple(finer * n for n in SIZE)
     library = MaterialLibrary.starter()
     for seed in range(BASE_SEED["test"], BASE_SEED["test"] + scenes):
@@ -61,8 +61,8 @@ def test_scenes(scenes=SCENES, done=(), finer=1, kind="random"):
 
 
 def measure(cube, truth, method, model=None):
-    """The metrics of one method on one cube, with its time, and how it names what materials (see
-    `confusion.named_as`); model as of `decompose`."""
+    """The metrics of one method on one cube, with its time, and the names it gives to materials
+    (see `confusion.named_as`); model as in `decompose`."""
     start = time.perf_counter()
     answer = decompose(cube, method=method, k=K, model=model)
     seconds = time.perf_counter() - start
@@ -72,16 +72,16 @@ def measure(cube, truth, method, model=None):
 
 
 def measured(out, made, wanted):
-    """Rows of accuracy.csv and of confusion.csv in a directory, as they were made by these settings
-    (see `rows.settings`), of scenes that have all (bands, method) wanted."""
+    """Rows of accuracy.csv and of confusion.csv in a directory that were made with these settings
+    (see `rows.settings`), for scenes that have all (bands, method) wanted."""
     rows = whole_scenes(read_csv(out / "accuracy.csv", made), wanted)
     scenes = {r["scene"] for r in rows}
     return rows, [r for r in read_csv(out / "confusion.csv", made) if r["scene"] in scenes]
 
 
 def means(rows):
-    """Yield per number of bands and method these and {name: mean over scenes} of what is SHOWN, of
-    time the median."""
+    """Yield, per number of bands and method, these and {name: mean over scenes} of what is SHOWN,
+    for time the median."""
     for bands in sorted({r["bands"] for r in rows}):
         for method in METHODS:
             of = [r for r in rows if (r["bands"], r["method"]) == (bands, method)]
@@ -98,7 +98,7 @@ def table(rows):
 
 
 def write_methods(rows, path):
-    """What `texnet.budget` reads."""
+    """Write the table that `texnet.budget` reads."""
     lines = ["# means over the test scenes, by: texnet bench accuracy --out DIR"]
     lines.append(",".join(("bands", "method", *budget.ERRORS)))
     for bands, method, mean in means(rows):
@@ -117,8 +117,8 @@ def unknown(rows):
 
 
 def differences(rows, other):
-    """Lines of text: per number of bands and error, the mean over scenes of net+sgd's less that of
-    another method, its standard error, and in how many scenes it is the better."""
+    """Lines of text: per number of bands and error, the mean over scenes of net+sgd's minus that of
+    another method, its standard error, and the number of scenes in which net+sgd is better."""
     yield f"net+sgd less {other}: mean, standard error, better in so many scenes"
     error = {(r["bands"], r["scene"], r["method"]): r for r in rows}
     for bands in sorted({r["bands"] for r in rows}):
@@ -166,7 +166,7 @@ def run(out, scenes=SCENES, bands=BANDS, methods=METHODS, finer=1, kind="random"
 
 
 def summary(rows, named):
-    """Lines of text of all that was measured."""
+    """Lines of text on all that was measured."""
     bands, methods = (list(dict.fromkeys(r[what] for r in rows)) for what in ("bands", "method"))
     yield from table(rows)
     yield from unknown(rows)

@@ -1,12 +1,12 @@
-"""The arguments of a benchmark that is a command by itself."""
+"""The arguments of a benchmark that is a command."""
 
 import argparse
 from pathlib import Path
 
 
 def arguments(doc, **numbers):
-    """Those of a module of this docstring: out, a folder, which is made if it is not there, and of
-    each of numbers a whole number or, if it is a tuple, some, these if none is said."""
+    """Parsed arguments for a module with docstring doc: out, a folder, created if missing, and for
+    each of numbers a whole number or, if its default is a tuple, several."""
     parser = argparse.ArgumentParser(description=doc.split("\n")[0])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     for name, usual in numbers.items():

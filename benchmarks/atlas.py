@@ -1,6 +1,6 @@
 """The atlas of `benchmarks.stability`: its rows as a picture and as a page.
 
-A method is at fault where it raises or returns what is not finite, or where from one level to the
+A method is at fault if it raises or returns values that are not finite, or if from one level to the
 next its error grows while its sigma shrinks, both by more than a tenth.
 """
 
@@ -22,7 +22,7 @@ TABLED = "net+sgd", "local"
 KELVIN = {"temperature_mae_k": "T off by (K)", "sigma_k": "sigma (K)"}
 SHARES = {"within_2_sigma": "in 2 sigma", "material_accuracy": "right", "abstention": "`unknown`"}
 FAULT = 1.1
-LOW_K, HIGH_K = 0.2, 10.0  # of the panels' axes, but where there is more to be seen
+LOW_K, HIGH_K = 0.2, 10.0  # of the panels' axes, unless there is more to see
 HEAD = """# The atlas in figures
 
     texnet bench stability --out stability      # about two hours on two cores
@@ -57,7 +57,7 @@ to the next while the median sigma shrinks by more than a tenth.
 
 
 def draw(rows, axes, path):
-    """The atlas: per axis a panel of T's error and sigma, above one of materials."""
+    """The atlas: for each axis a panel of T's error and sigma, above one of materials."""
     columns = 4
     lines = -(-len(axes) // columns)
     figure = Figure(figsize=(2.7 * columns, 3.9 * lines), layout="constrained")
@@ -79,7 +79,7 @@ def draw(rows, axes, path):
         shown = np.concatenate([line.get_ydata() for line in top.lines])
         low, high = np.nanmin(shown, initial=LOW_K), np.nanmax(shown, initial=HIGH_K)
         top.set(yscale="log", ylabel="T error (K)", ylim=(low, high))
-        top.set_title(name, fontsize=9)  # the longest fits
+        top.set_title(name, fontsize=9)  # so that the longest fits
         top.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         top.yaxis.set_major_formatter("{x:g}")  # 0.5, not 5 x 10^-1
         top.yaxis.set_minor_formatter(NullFormatter())
@@ -131,7 +131,7 @@ def table(rows, axes):
 
 
 def missing_table(rows):
-    """Lines of the page: of each method, over the cases."""
+    """Lines of the page: for each method, over the cases."""
     yield "| | covered | median | cases with 90 % | false alarms | median |"
     yield "|---" * 6 + "|"
     for method in METHODS:
@@ -144,7 +144,7 @@ def missing_table(rows):
 
 
 def distinct(rows):
-    """The rows without those that stand in several axes, being of the same case."""
+    """The rows without repetitions in several axes of the same case."""
     return list({
         tuple(value for name, value in r.items() if name not in ("axis", "level")): r for r in rows
     }.values())  # fmt: skip
@@ -162,7 +162,7 @@ def noise_table(rows):
 
 
 def _spread(of, scenes):
-    """Mean and its standard error, where the cases of one scene are not independent; median."""
+    """Mean, its standard error for dependent cases within scenes, and median."""
     off = [(of - of.mean())[scenes == scene].sum() for scene in np.unique(scenes)]
     error = np.nan
     if len(off) > 1:
@@ -171,7 +171,7 @@ def _spread(of, scenes):
 
 
 def faults(rows):
-    """Sentences on what must not be: failures, and errors that grow while sigma shrinks."""
+    """Sentences on what must not happen: failures, and errors that grow while sigma shrinks."""
     for r in rows:
         if r["failure"]:
             yield f"{r['axis']} {r['level']:g}, {r['scene']}, {r['method']}: {r['failure']}"
@@ -188,6 +188,6 @@ def faults(rows):
 
 
 def _means(rows, levels, what):
-    """Of a column, the mean over the scenes at each level."""
+    """Means of a column over the scenes at each level."""
     of = [[r[what] for r in rows if r["level"] == level] for level in levels]
     return [np.nanmean(values) if np.isfinite(values).any() else np.nan for values in of]

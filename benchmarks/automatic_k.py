@@ -3,8 +3,8 @@
     python -m benchmarks.automatic_k --out DIR
 
 The scenes of `accuracy` (54 bands, 50 mK, the whole starter library, net+sgd in ONNX Runtime, two
-threads): every fixed k and auto, the search for it in its time. Writes automatic_k.csv, one row per
-scene and k, and prints the means over the scenes, of time the median.
+threads), with every fixed k and auto, whose time includes the search. Writes automatic_k.csv, one
+row per scene and k, and prints the means over the scenes, for time the median.
 """
 
 import time
@@ -48,7 +48,7 @@ def main():
     for k in COUNTS:
         of = {what: [r[what] for r in rows if r["k"] == k] for what in SHOWN}
         means = [np.nanmean(values) for values in of.values()]
-        means[-1] = np.median(of["seconds"])  # the first of all may compile
+        means[-1] = np.median(of["seconds"])  # the first run may compile
         print(f"{k:>5}" + "".join(f"{mean:20.3f}" for mean in means))
 
 

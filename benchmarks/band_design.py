@@ -1,13 +1,13 @@
-"""Designed filters against equidistant ones, on scenes that neither saw.
+"""Designed filters against equidistant ones, on scenes used for neither.
 
     python -m benchmarks.band_design --out DIR
 
-`physics.filters` designs N = 3, 4, 6 and 9 filters for the starter library. Each of some scenes of
-`benchmarks.accuracy` is path-traced once and shaded through them, through N filters side by side,
+`physics.filters` designs N = 3, 4, 6 and 9 filters for the starter library. Some scenes of
+`benchmarks.accuracy` are path-traced once and shaded through these, through N contiguous filters,
 and through N equidistant ones as wide as the designed; noise by the same law, k = 5 objects
 estimated from the noisy cube. Writes band_design.csv, one row per scene, filters and method, and
-bands.png; prints means, and what the design gains over each of the others with the standard error
-of that over the scenes: over all, and over those where all filters showed the sky that is there.
+bands.png; prints means, and the gain of the design over each of the others with its standard error
+over the scenes: over all, and over those where all filters detected the sky that is there.
 """
 
 import numpy as np
@@ -76,7 +76,7 @@ def _column(rows, n, method, name, metric):
 
 
 def draw(rows, sets, path):
-    """Where the designed filters lie, and what each set of filters reaches."""
+    """Positions of the designed filters, and the results of each set of filters."""
     figure = Figure((9.5, 7.4), dpi=95, layout="constrained")
     axes = figure.subplots(2, 2).ravel()
     _draw_filters(axes[0], sets)
@@ -103,7 +103,7 @@ def _draw_filters(axis, sets):
         for j, (name, (colour, _)) in enumerate(STYLE.items()):
             centres, widths = sets[n][name]
             y = row + 0.27 * (1 - j)
-            # overlapping filters are told apart by their centres
+            # overlapping filters are distinguished by their centres
             axis.barh(y, widths, 0.2, centres - widths / 2, color=colour, alpha=0.25)
             axis.plot(centres, np.full(n, y), "|", color=colour, markersize=9, label=name)
     handles, labels = axis.get_legend_handles_labels()

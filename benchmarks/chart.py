@@ -3,28 +3,28 @@
     texnet bench chart --out DIR [--network FILE.safetensors ...]
 
 Five test scenes, 128 x 160 pixels, path-traced once and shaded in 4, 18 and 54 bands over 8-14 um,
-noise 50 mK, the starter library of 30 materials. In one run, in turn, on two threads, each method
-once before it is timed:
+noise 50 mK, the starter library of 30 materials. All in one run, in turn, on two threads, each
+method once before it is timed:
 
-    local, sgd, net, net+sgd      texnet: the whole of `decompose` but files and pictures, with
-                                  the environment estimated from the cube, k = 5; net+sgd by ONNX
+    local, sgd, net, net+sgd      texnet: all of `decompose` except files and pictures, with the
+                                  environment estimated from the cube, k = 5; net+sgd by ONNX
                                   Runtime, as users get it, all other networks in torch
     net+sgd, 2 (5, 10) steps      more refinement than the one step that ships
     NAME                          net+sgd with the network of NAME.safetensors, if given
     brightness temperature, NEM, ISSTES   temperature-emissivity separation (benchmarks.peers),
                                   then the library's nearest curve, then X
     scipy                         Eq. 6 per pixel and material by bounded least squares, in one
-                                  thread, on 50 pixels at random; time and errors are of these.
-                                  So few miss most of what is rare and wrong: it is no part of
-                                  the Pareto front, and what it minimises is `local`'s objective
+                                  thread, on 50 random pixels, for which time and errors hold. So
+                                  few miss most of what is rare and wrong: it is excluded from the
+                                  Pareto front, and what it minimises is `local`'s objective
 
-The separations are favoured: they are told the true downwelling radiance of the scene's sky (in
-a room the mean of the true X), and, as scipy is, which pixels are sky. Their picture of the
+The separations have an advantage: they are given the true downwelling radiance of the scene's sky
+(in a room the mean of the true X) and, like scipy, which pixels are sky. Their picture of the
 sky-lit texture is their X or its negative, whichever matches better.
 
-Writes chart.csv, a row per scene, bands and method; chart.png, medians over the scenes with their
-quartiles and the Pareto front. A stopped run goes on after the last whole scene that was measured
-with the same settings.
+Writes chart.csv, a row per scene, bands and method; chart.png, medians over the scenes with
+quartiles and the Pareto front. A stopped run resumes after the last complete scene measured with
+the same settings.
 """
 
 import time
@@ -60,7 +60,7 @@ from texnet.runtime import Runtime
 
 BANDS = (4, 18, 54)
 SCENES = 5
-# of refinement, beside the one that ships
+# of refinement, besides the one that ships
 STEPS = {f"net+sgd, {n} steps": n for n in (2, 5, 10)}
 SCIPY_PIXELS = 50
 SEPARATIONS = {"brightness temperature": brightness, "NEM": nem, "ISSTES": isstes}
@@ -72,11 +72,11 @@ TITLES = {
 SHOWN = ("seconds_per_megapixel", *ERRORS)
 
 
-# --- the methods: each takes a Scene and gives what `evaluate` takes, and its Truth --------
+# --- the methods: each takes a Scene and returns what `evaluate` takes, and its Truth ------
 
 
 class Scene:
-    """A shaded scene with what its methods are told: the cube, its truth, library and sky."""
+    """A shaded scene with what methods are given: the cube, its truth, library and sky."""
 
     def __init__(self, traced, bands):
         self.library = MaterialLibrary.starter()
@@ -95,7 +95,7 @@ def by_texnet(method, model=None):
 
 
 def by_separation(method):
-    """A temperature-emissivity separation, and what follows it."""
+    """A temperature-emissivity separation, and the steps after it."""
 
     def run(scene):
         spectra, truth = scene.cube.spectra.astype(float), scene.truth
@@ -112,7 +112,7 @@ def by_separation(method):
 
 
 def by_scipy(scene):
-    """Eq. 6 on SCIPY_PIXELS of the scene, as pictures of one row."""
+    """Eq. 6 on SCIPY_PIXELS of the scene, as one-row pictures."""
     model = reduce_model(
         scene.cube, scene.library, estimate_environment(scene.cube, scene.library, K)
     )
@@ -135,14 +135,14 @@ def by_scipy(scene):
 
 
 def _answer(scene, truth, temperature_k, material, x, picture):
-    """What `evaluate` takes, of flat maps; which pixels are sky is told."""
+    """What `evaluate` takes, from flat maps; sky pixels are given."""
     maps = lambda a: a.reshape(*a.shape[:-1], *truth.material.shape)
     material = np.where(non_sky(truth), maps(material), scene.library.sky_index)
     return SimpleNamespace(
         temperature_k=maps(temperature_k), material=material, material_names=scene.library.names,
         wavelength_um=truth.wavelength_um, texture=maps(x), sky_texture=maps(picture),
         dead=np.zeros(material.shape, bool),
-        # they give none of these
+        # not provided by these methods
         temperature_sigma_k=np.zeros(material.shape), unknown=np.zeros(material.shape, bool),
         material_probability=np.ones((len(scene.library), *material.shape)),
     )  # fmt: skip
@@ -169,10 +169,10 @@ def all_methods(networks):
 def measure(out, networks=(), progress=None):
     """Measure what is not yet in chart.csv, write everything -> {"rows", "medians", "pareto"}.
 
-    networks  paths of .safetensors to be charted, too
+    networks  paths of further .safetensors to chart
     progress  called as progress(done, total, what)
 
-    Raises InputError where a network cannot be read.
+    Raises InputError if a network cannot be read.
     """
     methods, made = all_methods(networks), settings(*networks)
     out.mkdir(parents=True, exist_ok=True)
@@ -211,8 +211,8 @@ def _scores(run, scene):
 
 
 def medians(rows):
-    """A row per bands and method: of every SHOWN its median over the scenes, and under NAME_low
-    and NAME_high its quartiles; scenes where it means nothing are left out."""
+    """A row per bands and method: for each of SHOWN its median over the scenes, and as NAME_low and
+    NAME_high its quartiles; scenes where it is undefined are left out."""
     summary = []
     for key in dict.fromkeys((r["bands"], r["method"]) for r in rows):
         row = dict(zip(("bands", "method"), key, strict=True))
@@ -225,8 +225,8 @@ def medians(rows):
 
 
 def pareto(cost, score):
-    """Indices, cheapest first, of the points that none beats: no other costs less, or as much,
-    and scores more."""
+    """Indices, cheapest first, of the points that no other dominates, that is, costs at most as
+    much and scores more, or less and as much."""
     front = []
     for i in sorted(range(len(cost)), key=lambda i: (cost[i], -score[i])):
         if not front or score[i] > score[front[-1]]:
@@ -245,7 +245,7 @@ def pareto_methods(summary, bands, metric):
 # --- drawing ------------------------------------------------------------------------------
 
 GREY = "#999999"
-# markers are the second cue
+# markers as a second cue
 STYLE = {
     "brightness temperature": (GREY, "v"), "NEM": (GREY, "^"), "ISSTES": (GREY, "s"),
     "scipy": (BLACK, "X"), "local": (BLUE, "o"), "sgd": (SKY_BLUE, "D"), "net": (ORANGE, "o"),
@@ -260,7 +260,7 @@ TICKS = {
 
 
 def _draw(summary, front, path):
-    """A row of panels per number of bands; up is better, and steps are of what is lost."""
+    """A row of panels per number of bands; up is better, and the scale is that of the losses."""
     figure = Figure(figsize=(9, 9.4), layout="constrained", dpi=110)
     grid = figure.subplots(len(BANDS), len(ERRORS), sharex=True, sharey="col", squeeze=False)
     style = _styles(list(dict.fromkeys(r["method"] for r in summary)))
@@ -303,19 +303,19 @@ def _draw(summary, front, path):
 
 
 def _lost(metric, values):
-    """Errors as they are, of 1 what is missing."""
+    """Errors unchanged; for scores, what is missing to 1."""
     return 1 - np.asarray(values) if ERRORS[metric] else np.asarray(values)
 
 
 def _styles(methods):
-    """{method: (colour, marker)}, but for more steps, which are a line."""
+    """{method: (colour, marker)}, except for more steps, which form a line."""
     others = [m for m in methods if m not in STYLE and m not in STEPS]
     colour, markers = OTHERS
     return STYLE | {m: (colour, markers[i % 5]) for i, m in enumerate(others)}
 
 
 def _point(axis, r, metric, method, colour, marker, edge):
-    """A median with its quartiles; what lies beyond the right edge stands there with its time."""
+    """A median with its quartiles; beyond the right edge it is drawn there with its time."""
     time_s, of_time = r["seconds_per_megapixel"], _quartiles(r, "seconds_per_megapixel")
     at, bar = _lost(metric, r[metric]), _quartiles(r, metric)
     if time_s > edge:
@@ -330,7 +330,7 @@ def _point(axis, r, metric, method, colour, marker, edge):
 
 
 def _quartiles(r, name):
-    """(2, 1) how far they are from the median, the one with the smaller coordinate first."""
+    """(2, 1) distances of the quartiles from the median, the smaller coordinate first."""
     below, above = r[name] - r[f"{name}_low"], r[f"{name}_high"] - r[name]
     turned = name in ERRORS and ERRORS[name]
     return np.array([[above], [below]] if turned else [[below], [above]])

@@ -1,25 +1,25 @@
-"""Which materials are taken for which, over the pixels of many scenes."""
+"""Which materials are mistaken for which, over the pixels of many scenes."""
 
 from collections import Counter
 
 import numpy as np
 
-MOST = 3  # others that are said of each material
-LEAST = 0.005  # of its pixels, to be said
+MOST = 3  # wrong names listed for each material
+LEAST = 0.005  # least share of its pixels to be listed
 
 
 def named_as(answer, truth):
-    """Counter of (true name, name given) of what a Decomposition answers of its Truth's scene, dead
-    pixels aside."""
+    """Counter of (true name, name given) for a Decomposition and its scene's Truth, without dead
+    pixels."""
     seen = ~answer.dead
     names = (np.asarray(of.material_names)[of.material[seen]].tolist() for of in (truth, answer))
     return Counter(zip(*names, strict=True))
 
 
 def confused(counts):
-    """Of a Counter as `named_as` makes it, a row per true material, most pixels first: its share of
-    all pixels, the share of its own that is named right, and {name: share} of the others that it is
-    taken for most."""
+    """From a Counter of `named_as`, a row per true material, most pixels first: its share of all
+    pixels, the share of its own that is named correctly, and {name: share} of its commonest wrong
+    names."""
     of, rows = {}, []
     for (true, named), pixels in counts.items():
         of.setdefault(true, Counter())[named] += pixels

@@ -1,4 +1,4 @@
-"""The difficulties of the atlas (`benchmarks.stability`), each turned up level by level: AXES.
+"""The difficulties of the atlas (`benchmarks.stability`), each raised level by level: AXES.
 
 On path-traced test scenes of 72 x 96 pixels, in 54 bands with 50 mK of noise unless that is the
 difficulty.
@@ -29,15 +29,15 @@ from texnet.metrics import non_sky
 from training.scenes import BASE_SEED
 
 SIZE, SPP, BANDS = (72, 96), 64, 54
-NO_CLOUD_KM = 50  # in place of infinity, which no axis has
-# of the plate of steel: from the camera; its height, as a share of the picture's
+NO_CLOUD_KM = 50  # instead of infinity, which no axis can show
+# of the steel plate: distance from the camera, lean, and height as a share of the picture's
 PLATE_AT_M, PLATE_LEANS_DEG, PLATE_SIDE = 3.0, 20.0, 0.4
 
 
 @dataclass(frozen=True)
 class View:
-    """A test scene: a preset and its seed, how much of a mirror all its surfaces are, or a plate
-    of steel that is put before the camera, and which draw of the sensor's noise is seen."""
+    """A test scene: a preset and its seed, how mirror-like all its surfaces are, or only a steel
+    plate put before the camera, and the seed of the sensor's noise."""
 
     name: str
     seed: int
@@ -86,15 +86,15 @@ class Case:
     truth: Truth
     library: MaterialLibrary
     k: int | None = K
-    wrong_k: float | None = None  # kelvin that the environment is off; None: it is not given
-    stated_k: float = 0.0  # kelvin of it that are stated
-    said_k: float = 0.0  # kelvin of calibration error that are stated
+    wrong_k: float | None = None  # error of the given environment, K; None: it is not given
+    stated_k: float = 0.0  # stated part of it, K
+    said_k: float = 0.0  # stated calibration error, K
     noise_k: float = NETD_K  # NETD of the sensor, whatever is stated
-    atmosphere: Atmosphere | None = None  # its sky's, where that is not its View's
+    atmosphere: Atmosphere | None = None  # of its sky, if it differs from its View's
 
     @property
     def fingerprint(self):
-        """Text that tells it from all others."""
+        """Text that distinguishes it from all others."""
         cube, library = self.cube, self.library
         arrays = fingerprint(
             cube.radiance, cube.wavelength_um, cube.fwhm_um, self.truth.temperature_k,
@@ -115,7 +115,7 @@ def shaded(view, library, bands=BANDS, netd_k=NETD_K):
 
 
 def with_curves(library, change):
-    """The library with change(e (materials, n)) -> e for all but the sky."""
+    """The library with change(e (materials, n)) -> e applied to all but the sky."""
     e = library.emissivity.copy()
     ground = ~library.is_sky
     e[ground] = np.clip(change(e[ground]), 1e-3, 1)
@@ -142,7 +142,7 @@ def grey_bodies(view, library, share):
 
 
 def thermal_crossover(view, library, share):
-    """Everything in a closed room as warm as everything else, in the end."""
+    """Everything in a closed room converges to one temperature."""
     traced = view.traced
     mean = np.concatenate([b.value for b in traced.blocks]).mean()
     blocks = [replace(b, value=mean + np.float32(share) * (b.value - mean)) for b in traced.blocks]
@@ -155,7 +155,7 @@ def fewer_bands(view, library, bands):
 
 
 def bands_that_end_early(view, library, last_um):
-    """Of the bands of 8-14 um those to be had of many cameras, none of which is opaque."""
+    """The bands of 8-14 um up to last_um, as in many cameras, none of which is opaque."""
     cube, truth = shaded(view, library)
     held = cube.wavelength_um + cube.fwhm_um / 2 < last_um + 1e-6
     truth = replace(
@@ -183,7 +183,7 @@ def sky_out_of_view(view, library, share):
 
 
 def overcast(view, library, base_km):
-    """The whole sky is a cloud so high, in view and overhead."""
+    """The whole sky, in view and overhead, is a cloud at this height."""
     traced = view.traced
     air = replace(traced.atmosphere, cloud_base_km=base_km if base_km < NO_CLOUD_KM else math.inf)
     traced = replace(traced, atmosphere=air)
@@ -211,7 +211,7 @@ def missing_materials(view, library, n):
 
 
 def twin_materials(view, library, percent):
-    """The scene's commonest material has a neighbour in the library, this near to it."""
+    """The library contains a material this similar to the scene's commonest one."""
     cube, truth = shaded(view, library)
     i = library.index(common(truth)[0])
     off = percent / 100 * smooth(1, library.wavelength_um, 2)
@@ -223,7 +223,7 @@ def twin_materials(view, library, percent):
 
 
 def mixed_pixels(view, library, n):
-    """n x n pixels become one, whose truth is that of the material of most of them."""
+    """n x n pixels become one, whose true material is that of most of them."""
     cube, truth = shaded(view, library, netd_k=0)
     h, w = (m // n for m in cube.shape)
     cut = lambda a: a[..., : h * n, : w * n].reshape(*a.shape[:-2], h, n, w, n)
@@ -254,7 +254,7 @@ def stated_environment(view, library, kelvin):
 def wrong_wavelengths(view, library, bands):
     cube, truth = shaded(view, library)
     w = cube.wavelength_um + bands * np.diff(cube.wavelength_um).mean()
-    # the truth is called the same, to be compared at all
+    # the truth takes the same wavelengths, to be comparable at all
     return Case(changed(cube, wavelength_um=w), replace(truth, wavelength_um=w), library)
 
 
@@ -264,7 +264,7 @@ def wrong_gain(view, library, percent):
 
 
 def uneven_bands(view, library, percent):
-    """Every band has a gain of its own."""
+    """Every band has its own gain."""
     cube, truth = shaded(view, library)
     off = percent / 100 * np.random.default_rng(6).normal(size=(cube.bands, 1, 1))
     return Case(changed(cube, cube.radiance * (1 + off)), truth, library)
@@ -289,7 +289,7 @@ def stated_offset(view, library, kelvin):
 
 
 def dead_bands(view, library, n):
-    """n bands show their mean alone."""
+    """n bands show only their mean."""
     cube, truth = shaded(view, library)
     s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
     s[which] = s[which].mean(axis=(1, 2), keepdims=True)
@@ -297,7 +297,7 @@ def dead_bands(view, library, n):
 
 
 def noisy_bands(view, library, n):
-    """n bands have ten times the noise that is stated."""
+    """n bands have ten times the stated noise."""
     cube, truth = shaded(view, library)
     s, which = cube.radiance.copy(), np.random.default_rng(3).permutation(cube.bands)[:n]
     rng = np.random.default_rng([4, view.draw])
@@ -306,7 +306,7 @@ def noisy_bands(view, library, n):
 
 
 def stripes(view, library, netds):
-    """Every column of the detector has an offset of its own, in every band."""
+    """Every column of the detector has its own offset in every band."""
     cube, truth = shaded(view, library)
     off = np.random.default_rng(5).normal(size=(cube.bands, 1, cube.shape[1]))
     off = netds * off * cube.sigma[:, None, None]
@@ -320,7 +320,7 @@ def saturated_pixels(view, library, percent):
 
 
 def hot_part(view, library, percent):
-    """A square of the ground is 300 K hotter, as a fire is; what it lights is left out."""
+    """A square of the ground is 300 K hotter, as in a fire; the light it casts is left out."""
     cube, truth = shaded(view, library)
     side = round((percent / 100 * cube.radiance[0].size) ** 0.5)
     left = (cube.shape[1] - side) // 2
@@ -341,8 +341,8 @@ def polished_plate(view, library, share):
 
 
 def air_between(view, library, metres):
-    """So many metres of air before half of the ground, and more and less before the rest. It is as
-    humid as the scene's, and absorbs a third more and less than the sky's own, by turns."""
+    """So many metres of air before half of the ground, and more or less before the rest. It is as
+    humid as the scene's, and absorbs by turns a third more and less than the sky's own."""
     cube, truth = shaded(view, library, netd_k=0)
     air, bands = view.traced.atmosphere, Bands.of(cube.wavelength_um, cube.fwhm_um)
     distance, is_sky = _distances(view.name, view.seed), ~non_sky(truth)
@@ -361,7 +361,7 @@ def air_between(view, library, metres):
     beyond = (at - low)[..., None]
     t = ((1 - beyond) * t[low] + beyond * t[high]).mean(axis=-2).transpose(2, 0, 1)
     sky = np.isinf(distance).mean(axis=-1)
-    # a pixel is sky, which all of the air before it is part of already, and ground behind some air
+    # a pixel is a mix of sky, which already includes all its air, and ground behind some air
     s, w = cube.radiance.astype(np.float64), cube.wavelength_um
     at = distance_transform_edt(~is_sky, return_distances=False, return_indices=True)
     of_sky = sky * s[:, *at]
@@ -382,7 +382,7 @@ def _distances(name, seed):
 
 
 def changed(cube, radiance=None, wavelength_um=None):
-    """A HeatCube, none of it dead, of another radiance, or at other wavelengths."""
+    """A HeatCube without dead pixels, with another radiance or other wavelengths."""
     return replace(
         cube, dead=None, radiance=cube.radiance if radiance is None else radiance,
         wavelength_um=cube.wavelength_um if wavelength_um is None else wavelength_um,
@@ -400,14 +400,14 @@ def cropped(cube, truth, top):
 
 
 def common(truth):
-    """Names of the materials that are seen, most pixels first, the sky left out."""
+    """Names of the visible materials except the sky, most pixels first."""
     seen = np.bincount(truth.material[non_sky(truth)], minlength=len(truth.material_names))
     return [truth.material_names[m] for m in np.argsort(-seen) if seen[m]]
 
 
 @dataclass(frozen=True)
 class Axis:
-    """label says what the levels are; case(view, library, level) -> Case."""
+    """label describes the levels; case(view, library, level) -> Case."""
 
     label: str
     levels: tuple

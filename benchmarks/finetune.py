@@ -2,21 +2,21 @@
 
     python -m benchmarks.finetune --out DIR [--cache DIR] [--model FILE] [--parts PART ...]
 
-Parts, each of which may be run alone, interrupted and run again; what is done is kept:
+Parts, each of which may be run alone, interrupted and run again; finished work is kept:
 
     zero-shot   the shipped weights, as they are
     scenes      fine-tuned on 48 training scenes, shaded again with the new library
-    cubes       fine-tuned on 12 cubes of no known truth
-    scratch     trained from nothing as `texnet train` does, each scene shaded once
+    cubes       fine-tuned on 12 cubes without truth
+    scratch     trained from scratch as `texnet train` does, each scene shaded once
 
 All are measured on test scenes (other geometry, temperatures, skies) made of the new library, as
 `decompose` answers them: 54 bands, NETD 50 mK, environment estimated from the cube, k = 5; by the
-network alone and with refinement. DIR gets PART.safetensors, PART.json and, of all parts there,
+network alone and with refinement. DIR gets PART.safetensors, PART.json and, for all parts there,
 finetune.csv.
 
-Minutes of scenes are extrapolated from a few (TIMED), because most lie in the cache; minutes of
-training are those spent on a machine that may be busy: draws are not. Shading counts as
-training, but for scratch, where it is left out.
+Minutes for scenes are extrapolated from a few (TIMED), because most are cached; minutes of training
+are those measured, possibly on a busy machine, unlike the number of draws. Shading counts as
+training, except for scratch, where it is left out.
 """
 
 import argparse
@@ -119,8 +119,8 @@ def new_library():
 
 
 def measure(network, scenes, method):
-    """Means over scenes of what a TeXNet scores by a method on the first turn of a ReshadedSet, and
-    seconds per scene of the network's part."""
+    """Mean scores over scenes of a TeXNet, by a method, on the first turn of a ReshadedSet, and
+    seconds per scene for the network's part."""
     model, rows, seconds = torch_model(network), [], 0.0
     for i in range(scenes.count):
         cube, truth = scenes.shade(i, *equidistant_bands(BANDS), NETD_K)
@@ -133,7 +133,7 @@ def measure(network, scenes, method):
 
 
 class Shaded:
-    """The first turn of a ReshadedSet, kept on disk: scenes as `texnet train` has them."""
+    """The first turn of a ReshadedSet, kept on disk, in the form that `texnet train` uses."""
 
     def __init__(self, scenes, folder, report):
         self.paths = [folder / f"{i:04d}.npz" for i in range(scenes.count)]
@@ -151,7 +151,7 @@ class Shaded:
 
 
 def _network(part, args, library, report):
-    """(network, scenes it took, draws it took, minutes of training) of a part."""
+    """(network, number of scenes, number of draws, minutes of training) of a part."""
     if part == "scratch":
         scenes = ReshadedSet(args.cache, "train", args.scratch_scenes, library)
         scenes.make(progress=lambda n, of: report(n, of, "scenes"))
@@ -193,7 +193,7 @@ def _seconds_per_scene(library):
 
 
 def run(part, args, library):
-    """Make a part's network and measure it; keep both in args.out, and by what they were made."""
+    """Make a part's network and measure it; keep both in args.out, with their provenance."""
     with progress_bar() as report:
         network, scenes, draws, minutes = _network(part, args, library, report)
         test = ReshadedSet(args.cache, "test", args.test_scenes, library)
@@ -215,7 +215,7 @@ def run(part, args, library):
 
 
 def table(out, model):
-    """Write finetune.csv of all parts that this code made of a model, and return it as text."""
+    """Write finetune.csv of all parts made by this code from a model, and return it as text."""
     paths = {p: out / f"{p}.json" for p in PARTS}
     done = {p: json.loads(f.read_text("utf-8")) for p, f in paths.items() if f.exists()}
     made = settings(model)

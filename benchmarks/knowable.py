@@ -2,12 +2,12 @@
 
     python -m benchmarks.knowable --out DIR
 
-The library that ships, NETD 50 mK, surroundings that are known (a clear sky, ground of 288 K), a
-surface of 293 K lit half by each, but where something else is said. Above, what T and V may be off
-by at least (`physics.identifiability`, no prior, no bounds on V), for every material and for more
-objects and fewer bands. Below, how many noise standard deviations lie between a material and
-whatever another one may look like, at any T and any V from 0 to 1 (`apart`): from the nearest other
-one, in an enclosure that is nearly as warm, and for every two. Writes knowable.png.
+The shipped library, NETD 50 mK, known surroundings (a clear sky, ground at 288 K), and a surface at
+293 K lit half by each, unless stated otherwise. Above, the least possible errors of T and V
+(`physics.identifiability`, no prior, no bounds on V), for every material and for more objects and
+fewer bands. Below, how many noise standard deviations separate a material from the possible
+appearance of another, at any T and any V from 0 to 1 (`apart`): from the nearest other one, in an
+enclosure that is nearly as warm, and for all pairs. Writes knowable.png.
 """
 
 import numpy as np
@@ -28,16 +28,16 @@ from physics.sky import sky_radiance, usual_atmosphere
 NETD_K, BANDS, FEW = 0.05, 54, 4
 SURFACE_K, AIR_K = 293.0, 288.0
 LOW_SKY, OTHERS_K = 0.15, (283.0, 298.0)  # cosine of its zenith angle; trees, a wall
-SPAN_K, STEPS, LOOKS = 90.0, 41, 5  # of T, about SURFACE_K, each look 1 / 20 as far as the last
+SPAN_K, STEPS, LOOKS = 90.0, 41, 5  # of T about SURFACE_K; each search spans 1 / 20 of the last
 CONTRASTS_K = np.geomspace(0.03, 30, 31)
 SHOWN = {"concrete": BLUE, "glass": ORANGE, "bark": GREEN, "aluminium": VERMILLION, "water": PURPLE}
 DISTANCES = (0, 1, 3, 10, 30, 100, 1000)
 
 
 def apart(spectra, emissivity, objects, wavelength_um, noise):
-    """(P,) noise standard deviations from spectra (P, bands) to the nearest that a material of
-    emissivity (bands,) may look like between objects (2, bands): over T, SURFACE_K and SPAN_K about
-    it, and over V on the simplex. Radiances and noise (bands,) in W m-2 sr-1 um-1."""
+    """(P,) noise standard deviations from spectra (P, bands) to the nearest possible spectrum of a
+    material with emissivity (bands,) between objects (2, bands): over T within SPAN_K of SURFACE_K
+    and V on the simplex. Radiances and noise (bands,) in W m-2 sr-1 um-1."""
     centre = np.full(len(spectra), SURFACE_K)
     first, last = (1 - emissivity) * objects / noise
     way = first - last
@@ -53,7 +53,7 @@ def apart(spectra, emissivity, objects, wavelength_um, noise):
 
 def all_apart(library, bands, objects_at, temperature_k):
     """(L, L) noise standard deviations from each material of a MaterialLibrary, at a temperature,
-    K, lit by both objects alike, to each other one. objects_at(wavelength_um) -> (2, bands)."""
+    K, lit equally by both objects, to each other one. objects_at(wavelength_um) -> (2, bands)."""
     w, fwhm = equidistant_bands(bands)
     e, objects, noise = library.of_bands(quadrature(w, fwhm)), objects_at(w), noise_sigma(w, NETD_K)
     spectra = render(np.full(len(e), temperature_k), e, np.array([0.5, 0.5]), objects, w)[0]
@@ -68,12 +68,12 @@ def sky_and_ground(wavelength_um, k=2):
 
 
 def enclosure(wavelength_um):
-    """(2, bands) of walls of SURFACE_K, both alike."""
+    """(2, bands) for walls at SURFACE_K, both alike."""
     return np.repeat(planck(wavelength_um, SURFACE_K)[None], 2, axis=0)
 
 
 def least_sigmas(library):
-    """What T, K, and V may be off by at least, both (L,), for each material of a library."""
+    """Least possible errors of T, K, and V, both (L,), for each material of a library."""
     w, fwhm = equidistant_bands(BANDS)
     e = library.of_bands(quadrature(w, fwhm))
     t = np.full(len(e), SURFACE_K)
@@ -158,7 +158,7 @@ def _pairs(figure, ax, library):
 
 
 def draw(library, path):
-    """The four pictures of a MaterialLibrary without sky, as path."""
+    """Draw the four pictures of a MaterialLibrary without sky to path."""
     figure = Figure(figsize=(12, 10), layout="constrained")
     (top, right), (bottom, corner) = figure.subplots(2, 2)
     _mirrors(top, library)

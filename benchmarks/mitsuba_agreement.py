@@ -1,21 +1,21 @@
-"""The simulator against an independent renderer: what differs is Monte Carlo noise.
+"""The simulator against an independent renderer: they differ only by Monte Carlo noise.
 
     python -m benchmarks.mitsuba_agreement --out DIR
 
-The preset `patterned` (relief of eight materials, sky both seen and reflected), three bands,
-many seeds in both renderers. In Mitsuba 3 (Nimier-David et al. 2019; variant scalar_rgb) a
-band is a colour channel: every mesh is a diffuse reflector 1 - e and an area light e B(T),
-the sky an environment map. Under the hypothesis that both converge to the same image, the
-difference of a pixel's means over seeds, in standard errors, is Student distributed (Welch);
-turned into normal scores z, their mean is 0 to 1 / sqrt(pixels) and the sum of their squares
-is chi-square with one degree of freedom per pixel.
+The preset `patterned` (relief of eight materials, sky both seen and reflected), three bands, many
+seeds in both renderers. In Mitsuba 3 (Nimier-David et al. 2019; variant scalar_rgb) a band is a
+colour channel: every mesh is a diffuse reflector 1 - e and an area light e B(T), the sky an
+environment map. If both converge to the same image, the difference of a pixel's means over seeds,
+in standard errors, has a Student distribution (Welch); converted to normal scores z, their mean is
+0 to 1 / sqrt(pixels) and the sum of their squares is chi-square with one degree of freedom per
+pixel.
 
-In both renderers three things about the preset are changed, which Mitsuba could not follow:
-an object has its mean temperature (an area light's radiance is constant over it), facets are
-flat (normals that dip below the facet are treated differently), and open sheets are thin
-solids (an area light shines from the front only). And Mitsuba starts a bounce at 9e-5 (1 + the
-largest coordinate) off the surface. With the preset's origin that is a millimetre, which misses
-light in the relief's corners (5e-5 of the mean); so its origin is amid the objects, its unit 1 cm.
+Both renderers use the preset with three changes that Mitsuba requires: an object has its mean
+temperature (an area light's radiance is constant over it), facets are flat (normals that dip below
+the facet are treated differently), and open sheets are thin solids (an area light shines only from
+its front). Also, Mitsuba starts a bounce at 9e-5 (1 + the largest coordinate) off the surface. With
+the preset's origin that is a millimetre, which misses light in the relief's corners (5e-5 of the
+mean); so its origin is amid the objects, its unit 1 cm.
 """
 
 import dataclasses
@@ -47,8 +47,8 @@ UNIT_M = 0.01
 def two_sided(m):
     """The mesh itself if it is a solid that faces outwards, else a solid THICKNESS_M thin.
 
-    An open or cracked sheet gets a back, moved against its normals and wound the other way,
-    and a rim along its borders, so that whatever a ray meets is a front.
+    An open or cracked sheet gets a back, shifted against its normals and wound the other way, and a
+    rim along its borders, so that whatever a ray hits is a front.
     """
     m = m.copy()
     m.update_faces(m.area_faces > 0)
@@ -77,7 +77,7 @@ def exact_in_both():
 
 
 def mitsuba_scene(scene, library, size, folder):
-    """The same scene for Mitsuba, mi and it; meshes go through PLY files in folder."""
+    """The same scene for Mitsuba (mi), with meshes passed as PLY files in folder."""
     import mitsuba as mi
 
     mi.set_variant("scalar_rgb")
@@ -90,7 +90,7 @@ def mitsuba_scene(scene, library, size, folder):
     bitmap = np.repeat(sky[:, None].astype(np.float32), 4, axis=1)
     description = {
         "type": "scene",
-        # Roulette is unbiased; a cut after so many bounces is not.
+        # Roulette is unbiased; a limit on bounces is not.
         "integrator": {"type": "path", "max_depth": -1, "rr_depth": 4},
         "sensor": {
             "type": "perspective",

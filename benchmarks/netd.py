@@ -1,10 +1,10 @@
-"""How well is the camera's noise found where it is not stated?
+"""How accurately is the camera's noise estimated if it is not stated?
 
     python -m benchmarks.netd --out DIR
 
-Random scenes of the test split, as in `accuracy`, of several numbers of bands and NETD: what
-`physics.cube.netd` estimates from the cube, over what the sensor had. Writes netd.csv, one row per
-cube, and prints the least, the median and the largest ratio of each number of bands.
+Random scenes of the test split, as in `accuracy`, with several numbers of bands and NETD: the
+estimate of `physics.cube.netd` from the cube, divided by the sensor's true NETD. Writes netd.csv,
+one row per cube, and prints the least, median and largest ratio for each number of bands.
 """
 
 from dataclasses import replace

@@ -1,13 +1,12 @@
-"""What becomes of answers under skies that are not of our own model's profiles.
+"""How answers change under skies that do not follow our own model's profiles.
 
     python -m benchmarks.other_skies --out DIR
 
 The random test scenes of `benchmarks.accuracy` that have a sky, each shaded twice: under the sky of
-its own atmosphere (`physics.sky`) and under that of LOWTRAN 7's standard atmosphere whose air is
-nearest in temperature, all of it as many kelvins warmer as its horizon is colder than the scene's
-air (`data/lowtran7_skies.csv`, by `benchmarks.lowtran7`). Those have profiles of temperature,
-vapour and ozone of their own, one of them an inversion. Writes other_skies.csv and prints the
-means.
+its own atmosphere (`physics.sky`) and under that of the LOWTRAN 7 standard atmosphere with the
+nearest air temperature, all of it warmed by as much as its horizon is colder than the scene's air
+(`data/lowtran7_skies.csv`, by `benchmarks.lowtran7`). These have their own profiles of temperature,
+vapour and ozone, one with an inversion. Writes other_skies.csv and prints the means.
 """
 
 import csv
@@ -32,7 +31,7 @@ BANDS, METHODS = (4, 9, 54), ("local", "net+sgd")
 
 def lowtran7():
     """Wavelengths (n,) in um, and columns (n,) by climate and by zenith angle in degrees, or 1 km:
-    K of brightness temperature, and transmittance."""
+    brightness temperature, K, and transmittance."""
     with open(SKIES, newline="", encoding="utf-8") as file:
         names, *rows = csv.reader(file)
     wavelength_um, *columns = np.array(rows, float).T
@@ -44,8 +43,8 @@ def lowtran7():
 
 
 def nearest_sky(air_k):
-    """(wavelength_um, cos_zenith) -> radiance, of the climate whose horizon is nearest to air_k, as
-    much warmer as makes it that."""
+    """(wavelength_um, cos_zenith) -> radiance, for the climate whose horizon is nearest to air_k,
+    warmed to match it."""
     w, skies = lowtran7()
     angles = [angle for angle in next(iter(skies.values())) if angle != "1 km"]
     mass = np.log(air_mass(np.cos(np.radians([float(angle) for angle in angles]))))

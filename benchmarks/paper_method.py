@@ -1,15 +1,15 @@
-"""The paper's TeX-SGD as it is written, a peer: least squares and smoothness, nothing else.
+"""The paper's TeX-SGD as it is written, for comparison: least squares and smoothness only.
 
     Eq. 5  S_1 ... S_k   the centres of K-means over all the cube's pixels
     Eq. 6  T, V          of every material minimise |S~ - S|^2, V on the simplex
-           m             is the material of least residual, the sky one like the others
+           m             is the material with the least residual, sky like any other
     then   the same sum with a penalty on jumps of T and m between neighbours
 
-It runs on the project's own solvers with all taken out that the paper lacks: no evidence but
-the residual, no extrapolated sky, no deviations of the surroundings, no pixels at the sky's
-edge, no shares of materials. The paper leaves open how residuals become the probabilities of
-its cross entropy: here they are those of white noise as strong as the typical residual of the
-best material, so that what the k objects leave unexplained makes no answer too sure.
+It uses the project's own solvers without anything that the paper lacks: no evidence except the
+residual, no extrapolated sky, no deviations of the surroundings, no pixels at the sky's edge, no
+shares of materials. The paper leaves open how residuals become the probabilities of its cross
+entropy: here they are those of white noise as strong as the typical residual of the best material,
+so that what the k objects leave unexplained makes no answer too certain.
 """
 
 from dataclasses import replace
@@ -25,7 +25,7 @@ from physics.library import SKY
 from physics.prior import V_PRECISION
 from texnet.pipeline import Decomposition
 
-# of the solvers' priors: so little that it matters only where nothing else says anything
+# of the solvers' priors: so weak that they matter only where nothing else gives information
 LEFT_OF_V_PRIOR, PRIOR_SIGMA_K = 1e-4, 1e3
 
 
@@ -44,10 +44,10 @@ def halves_environment(cube):
 
 
 def paper_decompose(cube, library, environment):
-    """Eq. 6 for a HeatCube -> Decomposition; unknown is nowhere True.
+    """Eq. 6 for a HeatCube -> Decomposition; unknown is False everywhere.
 
-    Where the environment does not say which objects stand for the sky, they are those whose
-    nearest pixels mostly came out as sky; only the sky-lit texture depends on it.
+    If the environment does not say which objects are sky, they are those whose nearest pixels
+    mostly came out as sky; only the sky-lit texture depends on it.
     """
     # under another name the sky is a material like the others
     plain = replace(library, names=[n.replace(SKY, "the sky") for n in library.names])

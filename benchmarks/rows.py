@@ -1,5 +1,5 @@
 """Measurements are rows, dicts of plain values; a benchmark keeps them as CSV, whose last column
-says what made them."""
+states their provenance."""
 
 import csv
 import os
@@ -21,14 +21,14 @@ SETTINGS = "settings"  # the column
 
 
 def settings(*networks):
-    """What tells measurements apart: code, shipped data, packages, this machine, other networks."""
+    """What distinguishes measurements: code, shipped data, packages, machine, other networks."""
     machine = [{name: version(name) for name in PACKAGES}, platform.machine(), os.cpu_count()]
     return "of " + provenance(machine, [*CODE, *DATA, *networks])  # never to be read as a number
 
 
 def write_csv(path, rows, made=None):
-    """Write rows of the same keys, the first row's order, whole or not at all, and of each by what
-    it was made: these settings, those of this code if None."""
+    """Write rows with the same keys, in the first row's order, whole or not at all, each with the
+    settings that it was made with: made, or those of this code if None."""
     made = made or settings()
     with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [*rows[0], SETTINGS])
@@ -37,13 +37,13 @@ def write_csv(path, rows, made=None):
 
 
 def read_csv(path, made):
-    """The rows that write_csv wrote, as they were made by these settings, values that read as
-    numbers being numbers; none if there is no file."""
+    """The rows from write_csv that were made with these settings, with numeric text converted to
+    numbers; none if there is no file."""
     return [row for by, row in _rows(path) if by == made]
 
 
 def made_otherwise(path, made):
-    """The rows of such a file that were made by any other settings."""
+    """The rows of such a file that were made with any other settings."""
     return [row for by, row in _rows(path) if by != made]
 
 
@@ -60,7 +60,7 @@ def _value(text):
     for kind in (int, float):
         try:
             return kind(text)
-        except (TypeError, ValueError):  # of a row that is cut short, None
+        except (TypeError, ValueError):  # None, in a truncated row
             pass
     return text
 

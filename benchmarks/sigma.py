@@ -1,14 +1,14 @@
-"""Could another sigma of T hold 68 % of the errors within one and 95 % within two?
+"""Could another sigma of T contain 68 % of the errors within one and 95 % within two?
 
     python -m benchmarks.sigma --out DIR [--bands N ...] [--scenes N]
 
 Only if |error| / sigma has the shape of a Gaussian's: its 95.4 % quantile must be twice its 68.3 %
-quantile. Scaling a sigma does not change their ratio; another sigma may. Here boosted trees learn
-the 68.3 % quantile of |error| from all that a pixel's answer and its eight neighbours' say (sigma,
-scatter of T, how far T is from neighbours of the same material, probabilities, residual ...), on
-the first half of random scenes of no split, and are measured on the other half, beside the sigma
-that `net+sgd` gives. Writes sigma.csv: per number of bands and sigma both quantiles, their ratio,
-and the share within one sigma once it is scaled so that 95.4 % lie within two.
+quantile. Scaling sigma does not change their ratio; another sigma may. Here boosted trees learn the
+68.3 % quantile of |error| from all that the answers to a pixel and its eight neighbours say (sigma,
+scatter of T, difference of T from neighbours of the same material, probabilities, residual ...), on
+the first half of random scenes outside all splits, and are measured on the other half, beside the
+sigma of `net+sgd`. Writes sigma.csv: per number of bands and sigma both quantiles, their ratio, and
+the share within one sigma once it is scaled so that 95.4 % lie within two.
 """
 
 import numpy as np
@@ -26,13 +26,13 @@ from texnet.metrics import non_sky
 from texnet.pipeline import decompose
 from texnet.runtime import Runtime
 
-SEED = 6_000_000  # of no split; some were used for tuning
+SEED = 6_000_000  # outside all splits; some were used for tuning
 ONE, TWO = 0.6827, 0.9545  # of a Gaussian's errors within one sigma and two
-LEAST_K = 1e-3  # of an error, whose logarithm is learned
+LEAST_K = 1e-3  # smallest error, as its logarithm is learned
 
 
 def features(d):
-    """(n, height, width) of a Decomposition: what may tell how far T is off."""
+    """(n, height, width) features of a Decomposition that may indicate the error of T."""
     t = d.temperature_k.astype(np.float64)
     p = np.take_along_axis(d.material_probability, d.material[None].astype(np.int64), 0)[0]
     near = lambda a: np.lib.stride_tricks.sliding_window_view(
@@ -52,7 +52,7 @@ def features(d):
 
 
 def pixels(scenes, bands, model):
-    """Features (pixels, n) and |error of T| (pixels,), K, of each of some traced scenes."""
+    """Yield features (pixels, n) and |error of T| (pixels,), K, for each of some traced scenes."""
     library = MaterialLibrary.starter()
     for traced in scenes:
         cube, truth = traced.shade(library, *equidistant_bands(bands), NETD_K)

@@ -1,31 +1,31 @@
-"""How fast, side by side with what people use today, and with what limits it.
+"""How fast, compared with what people use today, and with the limits.
 
     texnet bench speed --out DIR [--large]
 
-The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` of half
-the size on each side, repeated), the starter library of 30 materials, an estimated environment of
-k = 4 objects, two threads; to be run where there are two cores. In one run, in turn, so often
-repeated as stands in a row:
+The workload is a HADAR frame: 1080 x 1920 pixels, 54 bands, 50 mK (path-traced `forest` of half the
+size on each side, repeated), the starter library of 30 materials, an estimated environment of k = 4
+objects, two threads; to be run on two cores. All in one run, in turn, with the repetitions given in
+each row:
 
-    local, net, net+sgd   texnet: the whole of `decompose` but files and pictures, net in torch
+    local, net, net+sgd   texnet: all of `decompose` except files and pictures, net in torch
     scipy                 a bounded scipy.optimize.least_squares per pixel and material, as the
                           published MATLAB code is ported, in one thread; J of `local`, on a few
                           pixels that are neither sky nor mixed with it; the median
-    solver                the same of `local`'s: every material and pixel, no glance, one thread
-    PAN-ResNet50          the forward pass of the published TeX-Net's architecture: of
-                          segmentation-models-pytorch where that is installed (extra `peers`),
-                          else a stand-in of as many parameters and multiply-adds
+    solver                the same for `local`: every material and pixel, no glance, one thread
+    PAN-ResNet50          the forward pass of the published TeX-Net's architecture: from
+                          segmentation-models-pytorch if installed (extra `peers`), else a
+                          stand-in with as many parameters and multiply-adds
     read, product         the limits: one pass over the cube's bytes, and the matrix product
-                          that takes pixels to the inner products with all hypotheses
-    GPU                   where torch finds one, net, net+sgd and PAN there, and a few draws of
+                          from pixels to the inner products with all hypotheses
+    GPU                   if torch finds one, net, net+sgd and PAN there, and a few draws of
                           training (64 x 64 pixels; extra `train`) there and on the CPU
 
-then the simulator (rays a second, traced and shaded, against bare Embree on the same rays),
-start-up times and peak memory of whole commands (median and most of three runs; of a frame and more
-of one), and `growth`: time against pixels, bands, materials and k, of the simulator against pixels,
-bands and paths per pixel, each of one run after one that does not count, with exponents fitted to
-log time (growth.png). Writes speed.json. --large adds a cube of 4096 x 4096 pixels to
-the commands, which takes 20 GB of disk.
+followed by the simulator (rays per second, traced and shaded, against bare Embree on the same
+rays), start-up times and peak memory of whole commands (median and maximum of three runs; for a
+frame and larger of one), and `growth`: time against pixels, bands, materials and k, for the
+simulator against pixels, bands and paths per pixel, each from one run after one that does not
+count, with exponents fitted to log time (growth.png). Writes speed.json. --large adds a cube of
+4096 x 4096 pixels to the commands, which takes 20 GB of disk.
 """
 
 import json
@@ -72,7 +72,7 @@ from texnet.solver import HOPELESS_ALONE
 
 FRAME, BANDS, K = (1080, 1920), 54, 4
 OUT = 30 + 1 + K  # maps of the published TeX-Net: materials, T and V
-PIECE = 2  # times as large, on each side, is the frame as what was traced for it
+PIECE = 2  # ratio of the frame to the traced picture, on each side
 SCIPY_PIXELS, SOLVER_PIXELS = 30, 20_000
 PART = 544, 960
 REPEATS = 3
@@ -89,12 +89,12 @@ SIMULATED_GROWTH = {
     "bands": (10, 40, 160, 400),
     "paths": (4, 16, 64),  # per pixel
 }
-GROWTH_SIDE, SIMULATED_SIDE = 384, 256  # pixels, where it is not they that grow
+GROWTH_SIDE, SIMULATED_SIDE = 384, 256  # pixels, unless these are varied
 SMALL, LARGE = (256, 256), (4096, 4096)
 
 
 def frame(traced, library, bands=BANDS, size=FRAME):
-    """A HeatCube of that size, of the traced scene side by side with itself."""
+    """A HeatCube of that size, made of copies of the traced scene side by side."""
     w, fwhm = equidistant_bands(bands)
     s = traced.shade(library, w, fwhm, NETD_K)[0].radiance
     times = [-(-n // m) for n, m in zip(size, s.shape[1:], strict=True)]
@@ -121,7 +121,7 @@ def timed(what, pixels, run, repeats=REPEATS):
 
 
 def methods(cube, library, run):
-    """Rows of texnet's methods on the whole frame; run is of the ONNX file."""
+    """Rows for texnet's methods on the whole frame; run is that of the ONNX file."""
     net = torch_model()
     pixels = cube.shape[0] * cube.shape[1]
     return [
@@ -132,7 +132,7 @@ def methods(cube, library, run):
 
 
 def on_gpu(cube, library):
-    """Rows of what torch computes on its first GPU, none without one; of training a CPU's, too."""
+    """Rows for torch on its first GPU, none without one; for training also on the CPU."""
     if not torch.cuda.is_available():
         return []
     pixels, rows, gpu = cube.shape[0] * cube.shape[1], [], {"device": torch.cuda.get_device_name()}
@@ -145,7 +145,7 @@ def on_gpu(cube, library):
 
 
 def training_draws(device):
-    """A row of what training does with draws that are made, half of which have a glance."""
+    """A row for training on draws made beforehand, half of which have a glance."""
     from training.samples import draw, features
     from training.scenes import Settings, make_record
     from training.train import SIDE, Training
@@ -169,8 +169,8 @@ def training_draws(device):
 
 
 def scipy_fit(cube, library, environment):
-    """A row of the peer, and by how much J of `local`'s answer exceeds that of the peer's best, by
-    Planck's law itself and with V on the simplex, nats. Pixels that `local` finds to be mixed with
+    """A row for the peer, and by how much J of `local`'s answer exceeds that of the peer's best,
+    with Planck's law itself and V on the simplex, nats. Pixels that `local` finds to be mixed with
     sky, which the peer does not know, are left out."""
     model = reduce_model(cube, library, environment)
     pure = pure_hypotheses(model)
@@ -201,7 +201,7 @@ def scipy_fit(cube, library, environment):
 
 
 def solver(cube, library, environment):
-    """A row of what `local` takes for the work that the peer does: all materials, one thread."""
+    """A row for `local` doing the peer's work: all materials, one thread."""
     model = reduce_model(cube, library, environment)
     pixels = np.random.default_rng(0).permutation(len(cube.spectra))[:SOLVER_PIXELS]
     spectra = cube.spectra[pixels]
@@ -210,7 +210,7 @@ def solver(cube, library, environment):
 
 
 def pan(bands):
-    """The peer's network and what it is called."""
+    """The peer's network and its name."""
     try:
         import segmentation_models_pytorch as smp
     except ImportError:
@@ -257,7 +257,7 @@ def _stand_in(bands):
 
 
 def pan_forward(cube, device="cpu"):
-    """A row of the peer's forward pass, of a picture that lies where it is computed."""
+    """A row for the peer's forward pass, on a picture already on the device."""
     network, name = pan(cube.bands)
     network.eval().to(device)
     height, width = (n // 32 * 32 for n in PART)
@@ -274,13 +274,13 @@ def pan_forward(cube, device="cpu"):
 
 
 def _wait(device):
-    """Until all is done that a GPU was told."""
+    """Wait until a GPU has finished all its work."""
     if device != "cpu":
         torch.cuda.synchronize()
 
 
 def limits(cube, library, environment):
-    """Rows of one pass over the cube's bytes, and of the product with all hypotheses."""
+    """Rows for one pass over the cube's bytes, and for the product with all hypotheses."""
     linear = reduce_model(cube, library, environment).of_all[0].reshape(-1, cube.bands + 1)
     pixels, flat = cube.shape[0] * cube.shape[1], cube.radiance.reshape(-1)
     some = min(pixels, 65536)
@@ -296,7 +296,7 @@ def limits(cube, library, environment):
 
 
 def simulator(library):
-    """Rays a second of a whole `simulate`, and of Embree alone on the same rays."""
+    """Rays per second of a whole `simulate`, and of Embree alone on the same rays."""
     scene, (w, fwhm) = preset("forest", 7), equidistant_bands(BANDS)
     run = lambda: simulate(
         scene, wavelength_um=w, fwhm_um=fwhm, size=SIMULATED, spp=SPP, netd_k=NETD_K, seed=7,
@@ -335,7 +335,7 @@ class _Timed:
 
 
 def commands(traced, library, large):
-    """Seconds and peak memory of whole commands, each in a process of its own."""
+    """Seconds and peak memory of whole commands, each in its own process."""
     rows = [_command("texnet --help", ["--help"], REPEATS)]
     with tempfile.TemporaryDirectory() as folder:
         for what, cube, truth, words in _cubes(traced, library, large):
@@ -355,7 +355,7 @@ def commands(traced, library, large):
 
 
 def _cubes(traced, library, large):
-    """(what is special of it, HeatCube, Truth or None, further words) of each decompose."""
+    """(what is special about it, HeatCube, Truth or None, further words) for each decompose."""
     for size in (SMALL, FRAME, *([LARGE] if large else [])):
         yield "", frame(traced, library, size=size), None, ["--k", str(K)]
     height, width = SMALL
@@ -395,8 +395,8 @@ def _command(what, words, repeats):
 
 
 def growth(traced, library, run):
-    """Rows: seconds of local, of net+sgd and of the simulator while one size grows; run is of the
-    ONNX file."""
+    """Rows: seconds of local, of net+sgd and of the simulator while one size grows; run is that of
+    the ONNX file."""
     for axis, sizes in GROWTH.items():
         for n in sizes:
             side = n if axis == "pixels" else GROWTH_SIDE
@@ -466,11 +466,11 @@ def _draw(rows, fitted, path):
 
 
 def measure(out, large=False):
-    """Measure everything; write speed.json, growth.csv and growth.png -> what is in speed.json.
+    """Measure everything; write speed.json, growth.csv and growth.png -> content of speed.json.
 
-    large  a cube of 4096 x 4096 pixels, too
+    large  include a cube of 4096 x 4096 pixels
 
-    Raises InputError where the network cannot be read.
+    Raises InputError if the network cannot be read.
     """
     run = Runtime(ONNX, THREADS).run
     out.mkdir(parents=True, exist_ok=True)

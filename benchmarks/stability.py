@@ -2,30 +2,29 @@
 
     texnet bench stability --out DIR [--axes AXIS ...]
 
-One difficulty at a time is turned up on path-traced test scenes (`benchmarks.difficulties`); the
-environment is estimated from each cube (k = 5, or where the sky may be out of view as many as by
-default), the library is the whole starter library. Methods that look at pixels alike share what is
-found before any is solved (`texnet.circumstances`). Per axis, level, scene and method a row of
-stability.csv:
+One difficulty at a time is raised on path-traced test scenes (`benchmarks.difficulties`); the
+environment is estimated from each cube (k = 5, or the default if the sky may be out of view), the
+library is the whole starter library. Methods with the same looks share what is found before pixels
+are solved (`texnet.circumstances`). For each axis, level, scene and method stability.csv has a row:
 
-    the errors of T (K), its median sigma and how many errors lie within one and two of them
+    the errors of T (K), its median sigma and the shares of errors within one and two of them
     material accuracy, abstention, accuracy among the answered, correlation of the texture
     residual, median over pixels, noise units
     worse_than_brightness  share of pixels whose error of T exceeds that of a brightness
-                           temperature (`peers.brightness`, told the true sky) by more than
+                           temperature (`peers.brightness`, given the true sky) by more than
                            two of their own sigmas
-    amplification          how far T moves between two draws of the noise, in standard
-                           deviations that the Cramer-Rao bound of that noise allows it (median
-                           over pixels)
+    amplification          change of T between two draws of the noise, in standard deviations
+                           of the Cramer-Rao bound for that noise (median over pixels)
     failure                what was raised, or what is not finite; empty if nothing
 
-What is the same along several axes, as nothing wrong is, is answered once and stands in each.
+A case common to several axes, such as the one without difficulty, is solved once and listed in
+each.
 
-missing.csv has, for each random scene of `benchmarks.accuracy` and each of its commonest materials,
-what is said of that material's pixels where the library lacks it:
+missing.csv describes, for each random scene of `benchmarks.accuracy` and each of its commonest
+materials, the answers if the library lacks that material:
 
-    covered       share of them that are unknown, or whose error of T is within two sigmas
-    unknown       share of them that are unknown
+    covered       share of its pixels that are unknown, or whose error of T is within two sigmas
+    unknown       share of its pixels that are unknown
     false_alarms  share of all other pixels that are unknown though their material is right
     unknown_else  share of all other pixels that are unknown
 
@@ -61,14 +60,14 @@ COLUMNS = (
     "within_2_sigma", "material_accuracy", "abstention", "accuracy_answered",
     "texture_correlation", "residual", "worse_than_brightness", "amplification",
 )  # fmt: skip
-# look alike, by the last one's looks: net, too, by ONNX Runtime
+# these share looks, those of the last one; so does net, in ONNX Runtime
 ALIKE = ("local", "sgd"), ("net", "net+sgd")
-COMMONEST, LEAST_SHARE = 3, 0.02  # materials of each scene that are left out, their least share
+COMMONEST, LEAST_SHARE = 3, 0.02  # materials left out in turn in each scene; their least share
 
 
 def answers(case, methods, model):
-    """{method: Decomposition} of a Case by methods that look at it alike; an environment that is
-    given is its estimate's spectra alone, off by what the case says. model is that of net+sgd."""
+    """{method: Decomposition} of a Case by methods with the same looks. A given environment is the
+    spectra of its estimate, off by the case's error. model is that of net+sgd."""
     environment = None
     if case.wrong_k is not None:
         found = estimate_environment(case.cube, case.library, case.k)
@@ -83,7 +82,7 @@ def answers(case, methods, model):
 
 
 def row_of(case, d, grey):
-    """What stability.csv has of one answer; grey (n,) K is the ground's brightness temperature."""
+    """stability.csv's row for one answer; grey (n,) K is the ground's brightness temperature."""
     m = evaluate(d, case.truth)
     ground = non_sky(case.truth)
     t, sigma = case.truth.temperature_k[ground], d.temperature_sigma_k[ground]
@@ -107,7 +106,7 @@ def row_of(case, d, grey):
 
 
 def brightness_k(case, view):
-    """(n,) K, brightness temperature of the ground of a Case of a View, told the true sky."""
+    """(n,) K, brightness temperature of the ground of a Case of a View, given the true sky."""
     bands, traced = (case.cube.wavelength_um, case.cube.fwhm_um), view.traced
     if case.atmosphere is not None:
         traced = replace(traced, atmosphere=case.atmosphere)
@@ -117,8 +116,8 @@ def brightness_k(case, view):
 
 
 def amplification(case, d, other):
-    """Median over the ground of |T - T of another draw of noise|, over what the bound of the
-    sensor's noise allows."""
+    """Median over the ground of |T - T of another draw of noise|, divided by the bound for the
+    sensor's noise."""
     ground = non_sky(case.truth)
     used = np.isin(case.cube.wavelength_um, d.wavelength_um)
     e = case.truth.emissivity[used][:, ground].T.astype(np.float64)
@@ -131,8 +130,8 @@ def amplification(case, d, other):
 
 
 def measured(axis, level, view, library, model, known):
-    """Rows of one axis and level in one scene, of all methods; known {Case.fingerprint: its rows}
-    grows by them."""
+    """Rows of one axis and level in one scene, for all methods; known {Case.fingerprint: its rows}
+    is extended by them."""
     of = {"axis": axis, "level": float(level), "scene": f"{view.name} {view.seed}"}
     case = AXES[axis].case(view, library, level)
     if case.fingerprint not in known:
@@ -142,7 +141,7 @@ def measured(axis, level, view, library, model, known):
 
 
 def _rows(case, again, view, model):
-    """Rows of a Case of a View, again that of another draw of its noise, of all methods."""
+    """Rows of a Case of a View, for all methods; again has another draw of its noise."""
     grey = brightness_k(case, view)
     for methods in ALIKE:
         try:
@@ -186,10 +185,10 @@ def measure(out, axes=None, progress=None):
     the first two and sentences on faults.
 
     axes      names in AXES; None: all of them
-    progress  called as progress(done, total, what) after each level; what this code and machine
-              left in the tables already is not measured again
+    progress  called as progress(done, total, what) after each level; rows already in the tables
+              from this code and machine are not measured again
 
-    Raises InputError where an axis is unknown or the network cannot be read.
+    Raises InputError if an axis is unknown or the network cannot be read.
     """
     axes = AXES if axes is None else axes
     unknown = [name for name in axes if name not in AXES]

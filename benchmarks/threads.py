@@ -1,4 +1,4 @@
-"""How many threads a benchmark runs on: two, as a small machine has them."""
+"""Benchmarks run on two threads, as on a small machine."""
 
 import numba
 import torch
@@ -8,7 +8,7 @@ THREADS = min(2, numba.config.NUMBA_NUM_THREADS)
 
 
 def on_two_threads():
-    """From now on numba, torch and BLAS use THREADS in this process; ONNX Runtime is told apart."""
+    """Set numba, torch and BLAS to THREADS in this process; ONNX Runtime is set separately."""
     numba.set_num_threads(THREADS)
     torch.set_num_threads(THREADS)
     threadpool_limits(THREADS)

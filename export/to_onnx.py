@@ -1,12 +1,12 @@
-"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, weights inside. What is
-set up once a scene (`physics.hypotheses`) is an input.
+"""All of TeXModel in one ONNX file: evidence, network, refinement, texture, with the weights. The
+scene's setup (`physics.hypotheses`) is an input.
 
-torch.export follows the model once with every size symbolic, so the one file serves any
-image, bands, library and environment. Where torch meets a size of 1, or two equal sizes, it
-may take that for a law; so the sizes it sees here are all different and above 1, and no two
-sizes may have become one in the file.
+torch.export traces the model once with all sizes symbolic, so one file serves any image, bands,
+library and environment. If torch meets a size of 1, or two equal sizes, it may take that for a
+rule; so the sizes it sees here are all different and above 1, and it is checked that no two sizes
+became one in the file.
 
-The file says what it is: see `about` of `texnet.runtime.Runtime`.
+The file describes itself: see `about` of `texnet.runtime.Runtime`.
 """
 
 import json
@@ -50,8 +50,8 @@ INPUTS = {
         ("components", "bands"),
         "orthogonal directions of noise-scaled spectra, each over the deviation along it",
     ),
-    # of every hypothesis: all materials, each filling a pixel; then, where there is sky, all of
-    # them sharing it with that (of too few, again as what cannot be, with an offset of -1e15)
+    # for every hypothesis: all materials, each filling a pixel; then, if there is sky, all of them
+    # sharing the pixel with it (too few are repeated as impossible, with an offset of -1e15)
     "sky_share": (("hypotheses",), "0..1, of the sky in the pixel, of materials pure, then mixed"),
     "alpha_step": (("hypotheses", "bands"), f"{SPECTRUM}, a standard deviation of the sky's share"),
     "centre": (("bands",), "of spectra s in noise units: components are z = basis (s - centre)"),
@@ -97,7 +97,7 @@ EXAMPLE = dict(  # deviations: torch would take the sum of three sizes for one o
     curve_spreads=7, sky_spreads=10, deviations=6 + 2 + 7 + 10 + 1, components=14, height=12,
     width=13,
 )  # fmt: skip
-FOLLOWING = {  # from those
+FOLLOWING = {  # computed from those
     "unknowns": lambda n: n["k"] + TERMS,
     "components + 1": lambda n: n["components"] + 1,
 }
@@ -107,13 +107,13 @@ EXAMPLE |= {size: of(EXAMPLE) for size, of in FOLLOWING.items()}
 def export_onnx(network, history, path):
     """Write a TeXNet as an ONNX file.
 
-    history  dict of plain values, as `texnet.files.weights.load_network` gives it
+    history  dict of plain values, as returned by `texnet.files.weights.load_network`
 
     Takes a few minutes. Raises InputError if path cannot be written.
     """
     check_writable(path)
     with _quiet():
-        # weights that want a gradient would make Scan keep what is needed for one
+        # for weights that require gradients, Scan would keep what these need
         model = _trace(TeXModel(deepcopy(network).requires_grad_(False)).eval())
     _name_sizes(model)
     _forget_origin(model)
@@ -126,7 +126,7 @@ def export_onnx(network, history, path):
 
 @contextmanager
 def _quiet():
-    """Without what torch's exporter says of itself and of packages that are not needed."""
+    """Suppress messages of torch's exporter about itself and packages that are not needed."""
     loggers = [logging.getLogger(n) for n in ("torch.onnx._internal.exporter", "onnx_ir")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -141,7 +141,7 @@ def _quiet():
 
 
 class _Agreeing(nn.Module):
-    """A TeXModel whose inputs agree in size, as torch.export cannot tell from what is done."""
+    """A TeXModel whose input sizes are declared to agree, which torch.export cannot infer."""
 
     def __init__(self, model):
         super().__init__()
@@ -174,27 +174,27 @@ def _trace(model):
             {name: dynamic[name] for name in scene}, dynamic["radiance"], dynamic["log_expected"],
             None,
         ),
-        # what torch cannot prove of the sizes it need not check either
+        # nor need it check what torch cannot prove about sizes
         prefer_deferred_runtime_asserts_over_guards=True,
     )  # fmt: skip
     traced = torch.onnx.export(
         program, dynamo=True, opset_version=OPSET, verbose=False, optimize=False,
         input_names=list(INPUTS), output_names=list(OUTPUTS),
     )  # fmt: skip
-    _simplify(traced.model)  # of all its nodes, the next step would take twice as long
+    _simplify(traced.model)  # otherwise the next step would take twice as long
     optimize_ir(traced.model, num_iterations=1)
-    _simplify(traced.model)  # another tenth of what is left
+    _simplify(traced.model)  # removes another tenth of what is left
     return traced.model_proto
 
 
 def _simplify(model):
-    """Leave out of an onnx_ir.Model what is constant or unused."""
+    """Remove what is constant or unused from an onnx_ir.Model."""
     fold_constants(model)
     remove_unused_nodes(model)
 
 
 def _example():
-    """scene, radiance and log_expected of the EXAMPLE sizes; torch looks at the sizes alone."""
+    """scene, radiance and log_expected of the EXAMPLE sizes; only their sizes matter."""
     r = torch.Generator().manual_seed(0)
     x = {
         name: torch.rand([EXAMPLE.get(size, size) for size in sizes], generator=r)
@@ -208,7 +208,7 @@ def _example():
 
 
 def _name_sizes(model):
-    """Give sizes their names, after making sure that torch kept them apart."""
+    """Name the sizes, after checking that torch kept them apart."""
     symbol_of = {}
     for value, (sizes, _) in zip(
         [*model.graph.input, *model.graph.output],
@@ -225,7 +225,7 @@ def _name_sizes(model):
 
 
 def _forget_origin(model):
-    """Drop what only the exporter's authors need: traces of this machine's source files."""
+    """Drop traces of this machine's source files, which only the exporter's authors need."""
     del model.metadata_props[:]
     for graph in _graphs(model.graph):
         del graph.value_info[:]

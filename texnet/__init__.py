@@ -2,7 +2,7 @@
 
     >>> import texnet
     >>> cube = texnet.read_cube("night.exr")
-    >>> cube, note = texnet.import_cube("flight.hdr", unit="microflick")  # of third parties
+    >>> cube, note = texnet.import_cube("flight.hdr", unit="microflick")  # third-party format
     >>> answer = texnet.decompose(cube)
     >>> answer.temperature_k, answer.temperature_sigma_k, answer.material, answer.unknown
     >>> print(texnet.summary(answer, cube))  # what `texnet decompose` prints
@@ -10,35 +10,35 @@
     >>> texnet.write_decomposition(answer, "answer")  # what `texnet decompose` writes
     >>> answer = texnet.read_decomposition("answer")
 
-What to give `decompose`, and what else an answer holds, their docstrings say. The map:
+The docstrings of `decompose` and `Decomposition` describe all arguments and results. The map:
 
 pipeline    the pipeline: HeatCube in, Decomposition out
 decomposition  the Decomposition
-circumstances  what lights a scene and what is wrong with or before the camera, from the cube
-camera      a package: what is wrong with or before the camera
-glance      which materials the scene holds, and where, from afar
+circumstances  the environment, and errors of the camera and the air before it, from the cube
+camera      a package: errors of the camera, and the air before it
+glance      a coarse first look at which materials the scene holds, and where
 methods     the four methods
 solver      local and sgd
 model       net and net+sgd as one module: evidence, network, refinement, texture
 network     TeXNet
-texture     the light on a pixel that is solved, and what is left of its spectrum
-chunks      what pixels do by themselves, some thousand at a time
+texture     the light on a solved pixel, and what stays unexplained of its spectrum
+chunks      independent per-pixel work, some thousand pixels at a time
 budget      the most accurate method that fits a time budget
-uncertainty  what adds to sigma, and when an answer should not be trusted
-by_tiles    a picture by the model, tile by tile
+uncertainty  further contributions to sigma, and when an answer should not be trusted
+by_tiles    the model applied to an image, tile by tile
 runtime     the model in ONNX Runtime
-learned     the same in torch, with the shipped weights or others
+learned     the model in torch, with the shipped or other weights
 files       a package: cubes, libraries, environments, filters and weights on disk
 outputs     what `texnet decompose` writes
 vision      the TeX-vision picture
-report      what is said of an answer
-figures     every map with its truth; TeX vision beside today's pictures
-baselines   what people look at today: panchromatic, CLAHE, principal components
+report      an answer in words
+figures     every map beside its truth; TeX vision beside today's displays
+baselines   today's displays: panchromatic, CLAHE, principal components
 metrics     the one module of metrics
 stretch     the one contrast stretch
 progress    a progress bar
-loading     packages load undisturbed
-cli         the command line (and __main__); what its commands do is in commands and
+loading     package imports that signals do not interrupt
+cli         the command line (and __main__); its commands are implemented in commands and
             decompose_command
 """
 

@@ -6,7 +6,7 @@ from .loading import loading
 
 
 def main():
-    """Run one command; returns the exit code, 130 also for Ctrl-C while all else loads."""
+    """Run one command; returns the exit code, which is 130 also if Ctrl-C comes during loading."""
     try:
         with loading():
             from . import cli

@@ -1,10 +1,10 @@
 """Which method fits a time budget: the most accurate one that this machine runs fast enough.
 
-`methods.csv` in texnet/data, which `texnet bench accuracy` measured, says how accurate each method
-is at several numbers of bands: in temperature, in material and in texture, and the best is the one
-whose ranks in the three sum to the least. How fast they are depends on the machine: best first, the
-methods are run on the middle of the cube itself, and once on all of it thinned, for what takes the
-same time whatever the size, until one is fast enough.
+`methods.csv` in texnet/data, measured by `texnet bench accuracy`, says how accurate each method is
+in temperature, material and texture at several numbers of bands; the best method has the least sum
+of ranks in the three. Speed depends on the machine: starting with the best, each method is run on
+the middle of the cube, and once on the whole cube thinned out, to time what does not depend on
+size, until one is fast enough.
 """
 
 import csv
@@ -26,20 +26,20 @@ from .pipeline import decompose
 
 ERRORS = {"temperature_rmse_k": False, "material_accuracy": True, "texture_correlation": True}
 MEASURED = files("texnet") / "data" / "methods.csv"
-# pixels on a side that a method is first run on, to load and compile and for what it does once, and
-# then timed on
+# side, pixels, of the picture for the first run, which loads, compiles and times the fixed costs,
+# and of the one that is timed
 WARM, CROP = 64, 256
 
 
 def choose(cube, library, k, budget, model_of, progress=None):
-    """The most accurate method within a budget -> its name, the seconds per megapixel foreseen.
+    """The most accurate method within a budget -> its name, the expected seconds per megapixel.
 
-    k         as `decompose` takes it
+    k         as in `decompose`
     budget    seconds per megapixel
-    model_of  a method's name -> its model, as `decompose` takes it
-    progress  as `decompose` takes it
+    model_of  a method's name -> its model, as in `decompose`
+    progress  as in `decompose`
 
-    Raises InputError with what the fastest takes if none fits.
+    Raises InputError with the time of the fastest method if none fits.
     """
     start = time.perf_counter()
     cube, _, _ = split_hot(prepared(cube, library).cube)  # the middle may be all hot
@@ -57,14 +57,14 @@ def choose(cube, library, k, budget, model_of, progress=None):
         run = partial(decompose, library=library, method=method, model=model_of(method))
         for _ in range(2):  # the first time loads
             d = run(few, k=min(k, few.measured_count) if whole else k, progress=progress)
-        # of so many pixels as it is of all
+        # which samples as many pixels of these as of the whole cube
         calibration = d.seconds["calibration"] / (cube.shape[0] * cube.shape[1])
         if not whole:  # the objects are counted, too
             calibration += d.seconds["environment"] / (cube.shape[0] * cube.shape[1])
         part = middle(cube, CROP)
         start = time.perf_counter()
         d = run(part, environment=environment, progress=progress)
-        took = time.perf_counter() - start - d.seconds["calibration"]  # of what is given
+        took = time.perf_counter() - start - d.seconds["calibration"]  # of a given environment
         took /= part.shape[0] * part.shape[1]
         return 1e6 * (once + calibration + took)
 
@@ -75,7 +75,7 @@ def choose(cube, library, k, budget, model_of, progress=None):
 
 
 def best_first(bands):
-    """Names of methods, the most accurate first, as measured at the nearest number of bands."""
+    """Names of methods, most accurate first, as measured at the nearest number of bands."""
     lines = MEASURED.read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     measured = {int(r["bands"]) for r in rows}
@@ -90,8 +90,8 @@ def best_first(bands):
 
 
 def first_within(budget, methods, seconds, megapixels):
-    """The first of methods with seconds(method) <= budget, per megapixel, and these seconds; else
-    InputError."""
+    """The first method with seconds(method) <= budget, per megapixel, and these seconds; else
+    raises InputError."""
     took = {}
     for method in methods:
         took[method] = seconds(method)
@@ -106,7 +106,7 @@ def first_within(budget, methods, seconds, megapixels):
 
 
 def thinned(cube, side):
-    """A HeatCube of every so many rows and columns, at least side of each, if there are."""
+    """A HeatCube of every nth row and column, at least side of each, if there are as many."""
     return _part(cube, *(slice(None, None, max(1, n // side)) for n in cube.shape))
 
 

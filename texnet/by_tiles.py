@@ -1,5 +1,5 @@
-"""A picture of any size by a model that answers tiles: in torch (`learned`) or in ONNX Runtime
-(`runtime`), to which this tells what is expected and what is looked for where."""
+"""A picture of any size by a model that answers tiles, in torch (`learned`) or ONNX Runtime
+(`runtime`), with the materials expected and allowed in each tile."""
 
 import numpy as np
 
@@ -16,19 +16,19 @@ def by_tiles(
 ):  # fmt: skip
     """Maps (..., height, width) by name, material int16 among all materials.
 
-    answer      (scene, tile, log_expected, inner) -> maps of a tile (bands, h, w) of which it
-                answers inner, see `physics.machinery.tiles.run_tiled`; scene, as from
-                `physics.hypotheses.set_up`, and log_expected (materials, h, w) hold the materials
-                that are looked for there alone
+    answer      (scene, tile, log_expected, inner) -> maps of the part inner of a tile (bands, h,
+                w), see `physics.machinery.tiles.run_tiled`; scene, as from
+                `physics.hypotheses.set_up`, and log_expected (materials, h, w) contain only the
+                materials looked for there
     radiance    (bands, height, width) W m-2 sr-1 um-1
     known       dict of float32 arrays as `physics.known.known_arrays` makes it
-    expected    physics.expected.Expected of the materials; nothing is if None
-    regions     physics.expected.Regions of the picture; all materials everywhere if None
-    halo, cell  how far the model sees, pixels, and of what tiles begin at multiples
-    tile_bytes  about what the work on a tile may take;  at_once  tiles in threads at a time
+    expected    physics.expected.Expected of the materials; None: nothing is expected
+    regions     physics.expected.Regions of the picture; None: all materials everywhere
+    halo, cell  how far the model sees, pixels; tiles begin at multiples of cell
+    tile_bytes  approximate memory for a tile;  at_once  tiles processed in threads at a time
     progress    called as progress(done, total) after each tile
 
-    Raises InputError where expected or regions are not of these materials and this picture.
+    Raises InputError if expected or regions do not match these materials and this picture.
     """
     materials = len(known["is_sky"])
     if expected is not None and len(expected.nats) != materials:

@@ -1,25 +1,25 @@
-"""Work that each pixel does by itself, done for some thousand pixels at a time."""
+"""Independent work on pixels, done for some thousand of them at a time."""
 
 import torch
 from torch._higher_order_ops.scan import scan
 from torch.nn import functional
 
-# pixels times materials of a chunk, so that what they take on the way stays near the processor: of
-# the evidence, a few operations on much; of the solution, a thousand on little, whose start costs;
-# and pixels times bands of one whose texture is distilled
+# size of a chunk, so that intermediates stay in the cache: pixels times materials for the evidence
+# (a few operations on much data) and the solution (a thousand on little, each with overhead);
+# pixels times bands for distilling texture
 SEEN, SOLVED, TEXTURED = 32_768, 131_072, 131_072
 
 
 def chunks_of(pixels, size, most):
-    """How many chunks, of about so many pixels times their size, are made of so many pixels."""
+    """Number of chunks for so many pixels, each of about most = pixels times size."""
     return (pixels * size + most - 1) // most
 
 
 def by_chunks(work, arrays, chunks):
-    """work(*arrays), of arrays (..., P) whose pixels do not depend on each other: a tuple of such.
+    """work(*arrays) for arrays (..., P) of independent pixels; returns a tuple of such arrays.
 
-    In about so many chunks of equal size on a CPU and in an exported graph (ONNX's Scan), elsewhere
-    all at once.
+    On a CPU and in an exported graph (ONNX's Scan) it is done in about so many chunks of equal
+    size, elsewhere all at once.
     """
     if torch.compiler.is_exporting():
         return _scan(work, arrays, chunks)
@@ -42,7 +42,7 @@ def _scan(work, arrays, chunks):
         return a.movedim(0, -2).flatten(-2)[..., :pixels]
 
     def step(carry, parts):
-        # scan wants something to carry on, and not the same tensor
+        # scan needs a carry, and as a new tensor
         return carry.clone(), (*work(*parts),)
 
     _, out = scan(step, torch.zeros(1), tuple(split(a) for a in arrays))

@@ -1,14 +1,13 @@
-"""What is found before any pixel is solved: the environment that lights the scene, and what is
-wrong with or before the camera.
+"""What is found before any pixel is solved: the environment that lights the scene, and errors of
+the camera and of the air before it.
 
-Bad bands are left out, the noise is what the cube shows, if another than stated, and the
-wavelengths are those that the sky's ozone shows, if others than stated (`physics.cube.prepared`).
-Then come the environment, from the cube; a sky that is not in view, if nothing else explains the
-pixels, and the camera's wavelengths, gains or offset or the air before it, if these show them, or
-curves that are off, if half of the materials ask for it, or more noise, if nothing fits
-(`camera.calibration`); how much of that air is before each pixel (`camera.distances`); the
-environment again, from the cube as a right camera would have shown it; and how much of its light is
-the sky's (`physics.lighting`).
+Bad bands are left out. The noise and the wavelengths are corrected if the cube, or the sky's ozone,
+shows other values than stated (`physics.cube.prepared`). Then, in this order: the environment, from
+the cube; a sky that is not in view, if nothing else explains the pixels, and the camera's
+wavelengths, gains or offset or the air before it, if these explain them, or curve errors, if half
+of the materials call for them, or more noise, if nothing fits (`camera.calibration`); how much of
+that air is before each pixel (`camera.distances`); the environment again, from the corrected cube;
+and how much of its light is the sky's (`physics.lighting`).
 """
 
 from dataclasses import replace
@@ -38,16 +37,16 @@ from .progress import compiling
 
 
 class Circumstances(NamedTuple):
-    """ready                Prepared, at the wavelengths that were found, nothing else corrected
-    saturated, left_out  (height, width) bool: its pixels that are; those that say nothing of camera
-                         and lighting, being saturated, dead or far hotter than the others
-    cube                 HeatCube that a right camera would have shown, with no air before it
-    environment          Environment of that
-    assumed_air          Atmosphere of its sky, where that is not in view; else None
-    environment_error_k  K by which one that was given is likely off, as is allowed for here
-    found                Calibration by which cube was corrected
-    distance_m           (height, width) m of its Air before each pixel; None without
-    given                whether all of the environment was, and nothing of it found in the cube
+    """ready                Prepared, at the wavelengths found, but not otherwise corrected
+    saturated, left_out  (height, width) bool: saturated pixels; pixels that say nothing of camera
+                         and lighting: saturated, dead or far hotter than the others
+    cube                 HeatCube as a perfect camera with no air before it would have shown it
+    environment          its Environment
+    assumed_air          Atmosphere of its sky, if that is not in view; else None
+    environment_error_k  K by which a given environment is probably off, as allowed for here
+    found                Calibration with which cube was corrected
+    distance_m           (height, width) m of its Air before each pixel; None without air
+    given                whether the whole environment was given, and none of it found in the cube
     """
 
     ready: Prepared
@@ -68,12 +67,12 @@ def circumstances(
 ):  # fmt: skip
     """The Circumstances of a HeatCube for a MaterialLibrary.
 
-    looks        as a `methods.Method` has it
-    k, environment, seed  as `pipeline.decompose` takes them, the environment at the cube's bands
-    progress     called as progress(done, total, what) where numba compiles what counts the objects
+    looks        as in a `methods.Method`
+    k, environment, seed  as in `pipeline.decompose`, the environment at the cube's bands
+    progress     called as progress(done, total, what) while numba compiles the object count
     lap          lap(stage) is called after each stage
 
-    Raises InputError where the library does not cover the bands, or the environment cannot be the
+    Raises InputError if the library does not cover the bands, or the environment cannot be the
     cube's.
     """
     lap = lap or (lambda stage: None)
@@ -101,8 +100,8 @@ def circumstances(
 
 
 def _at_true_bands(given, cube, ready, library, seed):
-    """An Environment given at a HeatCube's bands, at those that are used, and where they were found
-    to lie; with the objects that are not sky, if it has none."""
+    """An Environment given at a HeatCube's bands, reduced to the bands used, at the wavelengths
+    found for them; if it is all sky, with the other objects added."""
     given = given.only(np.isin(cube.wavelength_um, ready.stated_um))
     given = replace(given, wavelength_um=ready.cube.wavelength_um)
     given.check(ready.cube)
@@ -110,9 +109,8 @@ def _at_true_bands(given, cube, ready, library, seed):
 
 
 def _with_given(ready, cold, environment, given, how, lap):
-    """The fields of Circumstances that are found, of a Prepared in an Environment that was given,
-    all of it or its sky. cold is its cube without what is far hotter; how holds `calibration`'s
-    other arguments."""
+    """The fields of Circumstances for a Prepared in an Environment that was given, all of it or its
+    sky. cold is its cube without far hotter pixels; how holds `calibration`'s other arguments."""
     lap("environment")
     found, error_k = error_of_given(cold, environment, None if given else environment.sky, **how)
     return dict(
@@ -123,9 +121,9 @@ def _with_given(ready, cold, environment, given, how, lap):
 
 
 def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
-    """The same, of the Split of its cube, in an Environment of k objects that is estimated, and
-    estimated again once the cube is corrected; with a sky that is assumed, where that explains the
-    pixels. Where its wavelengths are off all of it is done again at those that it shows (moved)."""
+    """The same from the Split of its cube, in an Environment of k objects that is estimated, and
+    again once the cube is corrected; with an assumed sky, if that explains the pixels. If the
+    wavelengths are off, all of it is repeated at those found (moved)."""
     library = how["library"]
     environment, objects, air = _surroundings(ready, split, k, seed, how, lap, progress)
     found = calibration(split.cold, environment, **how, moved=moved or air is not None)
@@ -149,9 +147,9 @@ def _with_estimated(ready, split, k, seed, how, lap, progress, moved=False):
 
 
 def _surroundings(ready, split, k, seed, how, lap, progress):
-    """The Environment of a Prepared as it is, how many objects it was to have, and the Atmosphere
-    of a sky that is assumed, None if none is; arguments as there. A little sky in view may be metal
-    that mirrors one."""
+    """The Environment of a Prepared before correction, the number of objects it was to have, and
+    the Atmosphere of an assumed sky, or None; arguments as above. A little sky in view may be metal
+    that mirrors it."""
     sample = Sample(ready.cube, how["library"], seed, split)
     around = partial(_around, split=split, k=k, how=how, lap=lap, progress=progress)
     as_it_looks = environment, *_ = around(sample)
@@ -163,8 +161,8 @@ def _surroundings(ready, split, k, seed, how, lap, progress):
 
 
 def _around(sample, split, k, how, lap, progress):
-    """The same of a Sample as it is. Where no sky is in view, all but wavelengths and air is looked
-    at without one, and then whether it is likelier with one."""
+    """The same from a Sample as it is. If no sky is in view, all but wavelengths and air is first
+    explained without one, then it is asked whether one makes it likelier."""
 
     def supported(assume_sky=None):
         from physics.support import supported_count  # numba takes a second to load
@@ -177,7 +175,7 @@ def _around(sample, split, k, how, lap, progress):
     objects = min(USUAL_OBJECTS, pixels) if counting else k
     if sample.sky.any() and k == "auto":
         objects = supported()
-    # a sky that is assumed takes no pixel
+    # an assumed sky takes no pixel
     environment = sample.environment(min(objects, pixels) if sample.may_assume_sky else objects)
     lap("environment")
     if environment.sky:
@@ -185,13 +183,13 @@ def _around(sample, split, k, how, lap, progress):
     with_sky = max(objects, 2) if counting and sample.may_assume_sky else objects
     least, air = 1, None
     if with_sky > 1 and sample.may_assume_sky:
-        # what is not seen of a missing sky would look like wrong wavelengths
+        # the effects of a missing sky would look like wrong wavelengths
         without = cache(lambda: calibration(split.cold, environment, **how, moved=True))
         under_sky = partial(sample.environment, with_sky)
         of = split.cold, environment, without, sample.usual_air(), under_sky
         air = missing_sky(*of, **how)
         if counting and not air and without().curves:
-            least = LEAST_OBJECTS  # one would not tell curves from bands
+            least = LEAST_OBJECTS  # one cannot tell curves from bands
     if counting:
         objects = max(supported(air), least)
     return sample.environment(objects, air), objects, air

@@ -1,7 +1,7 @@
-"""The command line. Every command prints plain words, or with --json one object last.
+"""The command line. Every command prints plain text or, with --json, one object last.
 
-Wrong input is one sentence on stderr, `texnet: error: ...`, and exit code 2. What the commands do
-is in `commands` and `decompose_command`.
+Wrong input gives one sentence on stderr, `texnet: error: ...`, and exit code 2. The commands are
+implemented in `commands` and `decompose_command`.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from . import commands
 from .decompose_command import decompose, demo
 from .methods import METHODS, WEIGHTS
 
-GRACE_S = 60  # to tidy up in
+GRACE_S = 60  # for cleaning up
 FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
     "ghosting", "sgd-flow", "distill", "tex-vision", "temperature", "bands", "bayer",
     "environment-method", "environment-count",
@@ -33,12 +33,12 @@ FIGURES = (  # modules of benchmarks.reproduce, which are slow to import
 
 def main(argv=None):
     """Run one command; returns the exit code: 0, 2 for wrong input, 130 for Ctrl-C."""
-    if argv is None:  # what is half written goes before the process does
+    if argv is None:  # delete half-written files before the process ends
         for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP, nohup ignores it
             if signal.getsignal(number := getattr(signal, name, signal.SIGTERM)) != signal.SIG_IGN:
                 signal.signal(number, _end)
-    os.environ["MPLBACKEND"] = "agg"  # files alone: a notebook's own may not be there
-    for stream in (sys.stdout, sys.stderr):  # a file's name may be beyond its encoding
+    os.environ["MPLBACKEND"] = "agg"  # files only: a notebook's own backend may be missing here
+    for stream in (sys.stdout, sys.stderr):  # a file's name may not fit their encoding
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     args = None
@@ -53,22 +53,22 @@ def main(argv=None):
     except MemoryError:
         print("texnet: error: not enough memory; take fewer pixels or bands.", file=sys.stderr)
         return 2
-    except KeyboardInterrupt as e:  # a command that can go on says so in it
+    except KeyboardInterrupt as e:  # a command that can be resumed says so in it
         print(f"texnet: {e}" if str(e) else "texnet: interrupted", file=sys.stderr)
         return 130
     return 0
 
 
 def _of_disk(error, out):
-    """What an OSError says, as of a full disk or a read-only folder: of its file, or of out."""
+    """The message of an OSError, as for a full disk or read-only folder, on its file or on out."""
     where = error.filename or out
     said = error.strerror or str(error)
     return f"cannot write {where}: {said.removesuffix('.')}." if where else said
 
 
 def _end(number, _):
-    """Leave by SystemExit, so that what is half written goes; at the latest by SIGALRM, since an
-    import that is broken off may keep its lock, and another thread then waits for ever."""
+    """Leave by SystemExit, so that half-written files are deleted; at the latest by SIGALRM, since
+    an interrupted import may keep its lock, for which another thread would wait forever."""
     if hasattr(signal, "alarm"):
         signal.alarm(GRACE_S)
     sys.exit(128 + number)
@@ -84,16 +84,16 @@ def _parsed(argv):
 
 def _say(*lines):
     try:
-        # at exit nobody would hear what it raises
+        # an error on the flush at exit would go unnoticed
         print(*lines, sep="\n", end="\n" if lines else "", flush=True)
     except OSError as e:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # takes what is left of it at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # discards the rest at exit
         if not isinstance(e, BrokenPipeError):  # the reader, such as head, has seen enough
             raise InputError(f"cannot write to the standard output: {e.strerror}.") from e
 
 
 def _plain(value):
-    """The value in JSON's own types; numbers that are not finite become null."""
+    """The value as JSON types; numbers that are not finite become null."""
     if isinstance(value, dict):
         return {str(key): _plain(v) for key, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -131,7 +131,7 @@ def _parser():
 
 
 def _add(to, name, run, text):
-    """A command of that name, beside others."""
+    """Add a command of that name."""
     command = to.add_parser(name, help=text, description=text)
     command.add_argument("--json", action="store_true", help="print one JSON object last")
     command.set_defaults(run=run)
@@ -449,7 +449,7 @@ def _size(text):
 
 
 def _file_or_folder(text):
-    if not text:  # or it would be the current folder
+    if not text:  # would mean the current folder
         raise argparse.ArgumentTypeError("its name is empty")
     return Path(text)
 

@@ -1,5 +1,5 @@
-"""What the commands do, but for `decompose`: each takes the parsed arguments and returns what to
-say and what --json gives.
+"""The commands except `decompose`: each takes the parsed arguments and returns the text to print
+and the object for --json.
 
 What a command needs is imported inside it, so that `texnet --help` starts at once.
 """
@@ -13,8 +13,8 @@ from physics.library import MaterialLibrary
 
 from .loading import loading
 
-EDGE_SHARE = 0.01  # of a picture, that sees past the end of the ground
-COINCIDENT_SHARE = 0.001  # of one, that sees objects which lie in one another
+EDGE_SHARE = 0.01  # of a picture that looks past the end of the ground
+COINCIDENT_SHARE = 0.001  # of a picture that shows coincident objects
 
 
 def import_(args):
@@ -79,7 +79,7 @@ def simulate(args):
     with whole_file(beside) as truth_part, whole_file(args.out) as cube_part:
         write_cube(cube, cube_part)
         truth.save(truth_part)
-        # never a truth beside another scene's cube, where only one of the two can be replaced
+        # never leave a truth beside another scene's cube if only one of the two can be replaced
         Path(os.path.realpath(beside)).unlink(missing_ok=True)
     text = f"{_size(args.out, cube)}\n{beside}: its truth."
     text += _past_the_ground(scene.camera, ~non_sky(truth))
@@ -93,7 +93,7 @@ def simulate(args):
 
 
 def _past_the_ground(camera, is_sky):
-    """A warning where pixels of the sky (height, width) look below the horizon; else ""."""
+    """A warning if sky pixels (height, width) look below the horizon; else ""."""
     from physics.simulator.trace import view_directions
 
     falls = view_directions(camera, is_sky.shape)[:, 2].reshape(is_sky.shape) < 0
@@ -107,7 +107,7 @@ def _past_the_ground(camera, is_sky):
 
 
 def _coincident(scene, size):
-    """A warning where objects of a scene lie in one another; else ""."""
+    """A warning if objects of a scene coincide; else ""."""
     from physics.simulator.coincident import coincident
 
     share, pair = coincident(scene, MaterialLibrary.starter(), size)
@@ -126,7 +126,7 @@ def _size(path, cube):
 
 
 def chosen_library(args):
-    """The MaterialLibrary of --library, the starter one unless it is given."""
+    """The MaterialLibrary of --library, or the starter library if none is given."""
     return MaterialLibrary.load(args.library) if args.library else MaterialLibrary.starter()
 
 
@@ -293,7 +293,7 @@ def finetune(args):
 
 @contextmanager
 def _training(cache):
-    """Yield a progress report; says what is missing, or after Ctrl-C how to go on."""
+    """Yield a progress report; says what is missing or, after Ctrl-C, how to resume."""
     try:
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as e:
@@ -313,7 +313,7 @@ def _training(cache):
 
 @contextmanager
 def _resumable(where):
-    """Yield a progress report; says after Ctrl-C where the same command goes on."""
+    """Yield a progress report; says after Ctrl-C where the same command resumes."""
     from .progress import progress_bar
 
     try:

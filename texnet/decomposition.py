@@ -10,67 +10,67 @@ from physics.errors import InputError
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Decomposition:
-    """TeX and how sure it is. Maps are (height, width).
+    """TeX, S = e B(T) + (1 - e) X with X lit by V (`physics.eq1`), and its uncertainty. Maps are
+    (height, width).
 
-    temperature_k         K; of sky pixels that of what may stand before the sky, or the air's
+    temperature_k         K; at sky pixels that of what may stand before the sky, or of the air
     material              int16, index into material_names
-    emissivity            (materials, bands) the means of their curves over the bands: a pixel's e
-                          is that of its material
-    thermal_lighting      V (k, height, width), summing to 1; of sky pixels zero, or by net and
-                          net+sgd, where it may be, that of what stands before the sky
-    environment           (k, bands) W m-2 sr-1 um-1;  sky: which of them stand for the sky
-    sky_assumed           True where none is in view, and a clear one explains what is
-    texture               X (bands, height, width) W m-2 sr-1 um-1, its mean over each band, of sky
-                          pixels likewise
-    sky_texture           the texture that the sky alone lights, W m-2 sr-1 um-1 (band mean),
-                          likewise; where sky is (), the residual instead, in noise units
-    residual              root mean square of S - S~ in noise units, less what deviations of
-                          the surroundings from the k objects, and of curves, explain
-    temperature_sigma_k   one standard deviation of T, K; doubt about m, at edges and of the
-                          calibration, stated and found, included; 15 K and more where the pixel
-                          is saturated or dead
-    material_probability  (materials, height, width); zero what `glance` did not see there
-    unknown               True where the answer should not be trusted: no material of the library
-                          fits, or clearly worse than elsewhere in the scene, or is likely enough
-                          (`uncertainty`); only the neighbours speak for the one given; or the
+    emissivity            (materials, bands) library curves averaged over each band; the emissivity
+                          of a pixel is that of its material
+    thermal_lighting      V (k, height, width), summing to 1; zero at sky pixels, except that net
+                          and net+sgd give that of what may stand before the sky
+    environment           (k, bands) W m-2 sr-1 um-1;  sky: indices of its sky objects
+    sky_assumed           True if no sky is in view, but a clear sky explains the pixels
+    texture               X (bands, height, width) W m-2 sr-1 um-1, averaged over each band; sky
+                          pixels as in thermal_lighting
+    sky_texture           the part of X that the sky contributes, W m-2 sr-1 um-1 (band mean), sky
+                          pixels likewise; if sky is (), the residual instead, in noise units
+    residual              root mean square of S - S~ in noise units, after removing what deviations
+                          of the surroundings from the k objects, and of the curves, explain
+    temperature_sigma_k   one standard deviation of T, K, including doubt about m, mixing at edges
+                          and the calibration error, stated and found; 15 K and more where the
                           pixel is saturated or dead
+    material_probability  (materials, height, width); zero for materials `glance` did not see there
+    unknown               True where the answer should not be trusted: no material of the library
+                          fits or is likely enough (`uncertainty`); the fit is clearly worse than
+                          elsewhere in the scene; only the neighbours support the material given; or
+                          the pixel is saturated or dead
     saturated             True where a band is at its ceiling: T is a lower bound
     dead                  True where nothing was measured: maps are a guess by the nearest spectrum
-    hot                   True where a pixel is far hotter than the rest, and was solved apart
-    wavelength_um         (bands,) um, as stated, of the bands that were used
-    spectral_shift_um     um by which they were taken to be less than stated (negative: more)
-    gain, offset_k        errors of all bands together that were taken out: the cube showed
-                          gain S + offset, the offset in K at 300 K; 1 and 0 where none was found
-    band_gains            (bands,) further factors of the bands among each other, taken out
-                          likewise; 1 where none was found
+    hot                   True where a pixel is far hotter than the rest, and was solved separately
+    wavelength_um         (bands,) um, stated wavelengths of the bands used
+    spectral_shift_um     um subtracted from the stated wavelengths (negative: added)
+    gain, offset_k        errors common to all bands that were corrected: the cube showed
+                          gain S + offset, the offset in K at 300 K; 1 and 0 if none was found
+    band_gains            (bands,) relative gains of the bands, also corrected; 1 if none was found
     air_m, air_k          length, m, and temperature, K, of the air before the camera that was
-                          taken out; 0 and NaN where there is too little to tell
-    air_error             one standard deviation of its optical depth, as a share of that, more
-                          where usual air does not fit: bands are so much noisier, beyond netd_k
-    air_error_k           K by which T would be another, were that much of it off in many bands
-                          alike; sigma holds it
-    distance_m            (height, width) m of that air before each pixel; None where there is too
+                          corrected for; 0 and NaN if there is too little to tell
+    air_error             one standard deviation of its optical depth, as a fraction of it, larger
+                          if usual air does not fit; it adds to the bands' noise, beyond netd_k
+    air_error_k           change in T, K, if the optical depth were off by that much in many bands
+                          together; included in sigma
+    distance_m            (height, width) m of that air before each pixel; None if there is too
                           little to tell
-    calibration_error_k   as it was stated, K at 300 K
-    curve_error           one standard deviation by which e of the library's curves is taken to be
-                          off, where pixels are likelier so; sigma holds it. 0 where they fit
-    suspected_error_k     K by which T would be another if corrected by a gain, an offset or air
-                          that is likelier than none, but not surely there; sigma holds it
-    environment_error_k   K by which an environment that was given is likely off, and which T and
-                          its sigma take into account; 0 where it fits
-    left_out              {wavelength_um: why} of those that were not: dead, hot, off or beyond the
-                          library where they were found to lie
+    calibration_error_k   as stated, K at 300 K
+    curve_error           one standard deviation of e assumed for the library's curves, if that
+                          makes the pixels likelier; included in sigma. 0 if the curves fit
+    suspected_error_k     change in T, K, if a gain, an offset or air that is likelier than none,
+                          but not certain, were corrected; included in sigma
+    environment_error_k   K by which a given environment is probably off; T and sigma account for
+                          it. 0 if it fits
+    left_out              {wavelength_um: reason} of bands not used: dead, hot, off, or outside the
+                          library at the wavelengths found for them
     hue_deg               (materials,) TeX-vision hues
     camera_netd_k         the camera's NETD, as stated or estimated, K
-    noise_raised          how many times that was assumed: above 1 where the fit asks for more
-                          noise, or the camera has less than what k objects leave out
-    netd_k                NETD that this makes of the corrected cube, K; where air was taken out, of
-                          which opaque bands are noisier, that of even noise that tells as much
+    noise_raised          factor by which that was raised: above 1 if the fit needs more noise, or
+                          if the camera's is less than what k objects leave unexplained
+    netd_k                the resulting NETD of the corrected cube, K; after correction for air,
+                          which makes opaque bands noisier, the equally informative uniform one
     made_by               what made it: "texnet" (its version), "method", "k", "seed" and
                           "environment" (None, or that one was given) as decompose was asked; by the
                           command also the names of its files, or None: "cube", "library", "model"
                           and "environment"
-    objective             E of `physics.exact.semiglobal` along the refinement, nats; () but for sgd
+    objective             E of `physics.exact.semiglobal` during refinement, nats; () except in sgd
     seconds               time by stage
     """
 

@@ -1,4 +1,4 @@
-"""The two figures of a decomposition: every map with its truth, and TeX vision beside today's.
+"""The two figures of a decomposition: every map with its truth; TeX vision and today's displays.
 
 Colour maps keep their order for colour-blind readers; a value and its truth share one scale.
 """
@@ -27,15 +27,15 @@ DPI = 130
 TITLE, SMALL = 11, 8  # points: legible when a page scales the figure down
 ERROR_MAP = "RdBu_r"
 RADIANCE = "W/m²/sr/µm"
-STRETCHED = 8.0  # a picture so many times as wide as high, or as high as wide, fills its panel
-LEAST_SHARE, MOST_NAMES = 0.005, 16  # of the pixels, and of materials in a legend
+STRETCHED = 8.0  # a picture this many times as wide as high, or as high as wide, fills its panel
+LEAST_SHARE, MOST_NAMES = 0.005, 16  # least share of the pixels, and most materials, in a legend
 LETTER_INCHES, LINE_INCHES = 0.067, 0.19  # of a legend's text
 
 
 @contextmanager
 def own_style():
-    """Pictures drawn within look alike whatever style a user or a folder has set; names are plain
-    text, dollars and all."""
+    """Draw pictures in one style, whatever a user or a folder has set; names are plain text,
+    including dollar signs."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams["text.parse_math"] = False
@@ -45,11 +45,11 @@ def own_style():
 def maps_figure(decomposition, truth, path):
     """Draw every map of a Decomposition, with units and colour bars, into a png file.
 
-    truth  a Truth: its maps and the errors follow in a second and third row; None: without
+    truth  a Truth: its maps and the errors fill a second and third row; None: no such rows
 
-    Sky pixels have no temperature and no texture; there the maps are blank, as they all are in
-    areas where nothing was measured. Materials are not compared where the library holds none of
-    the truth's names, nor the sky's light where the answer has no sky.
+    Maps are blank at sky pixels, which have no temperature or texture, and where nothing was
+    measured. Materials are not compared if the library has none of the truth's names, nor is the
+    sky's light if the answer has no sky.
     """
     d, hues, seen = decomposition, _hues(decomposition, truth), ~gaps(decomposition.dead)
     ground = non_sky(d) & seen
@@ -97,12 +97,12 @@ def _band_mean(cube):
 
 
 def comparison_figure(decomposition, pictures, truth, path):
-    """Draw raw thermal, CLAHE, principal components, which are baseline_pictures of the cube, and
-    TeX vision side by side into a png.
+    """Draw raw thermal, CLAHE and principal components (baseline_pictures of the cube) and TeX
+    vision side by side into a png.
 
-    truth  a Truth: the visible picture follows, and over each picture its correlation with
-           the true sky-lit texture, where the scene has one (baseline_correlations; TeX vision's
-           sign counts). None: without
+    truth  a Truth: adds the visible picture and, above each picture, its correlation with the true
+           sky-lit texture, if the scene has one (baseline_correlations; for TeX vision the sign
+           counts). None: without
     """
     d, blank = decomposition, gaps(decomposition.dead)
     (raw,), (equalised,) = pictures["panchromatic"], pictures["clahe"]
@@ -154,7 +154,7 @@ def _names(answer):
 
 
 def _lighting(d, ground):
-    """The lighting factor of the sky; without a sky, of each pixel's strongest object."""
+    """The sky's lighting factor; without a sky, that of each pixel's strongest object."""
     if not d.sky:
         return "largest lighting factor V", "viridis", _on(ground, d.thermal_lighting.max(axis=0))
     by_sky = d.thermal_lighting[list(d.sky)].sum(axis=0)
@@ -169,7 +169,7 @@ def _texture_title(d):
 
 
 def _span(*pictures):
-    """Limits that hold all but the outermost 2 % of the finite values."""
+    """Limits that contain all but the outermost 2 % of the finite values."""
     values = np.concatenate([np.ma.compressed(p) for p in pictures]).astype(float)
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, [1, 99]) if values.size else (0.0, 1.0)
@@ -195,10 +195,10 @@ def _compare(column, title, cmap, estimate, truth):
 
 
 def _panels(rows, columns, shape, legend, bar=0.66, title=0.36):
-    """Figure and axes for pictures of this shape, bar inches beside and title inches over each,
-    and below all a legend {label: colour}."""
-    # Laid out in inches: matplotlib's own layout takes as long as all of the drawing. A figure of
-    # our own instead of pyplot's: no global state, no display, no leak.
+    """Figure and axes for pictures of this shape, with bar inches beside and title inches above
+    each, and a legend {label: colour} below all."""
+    # Laid out in inches: matplotlib's own layout takes as long as all of the drawing. Our own
+    # Figure instead of pyplot's: no global state, no display, no leak.
     height = PANEL_INCHES * min(max(shape[0] / shape[1], 0.4), 2.0)
     wide = columns * (PANEL_INCHES + bar) + MARGIN_INCHES
     per_row = max(1, int(wide / (LETTER_INCHES * (max(map(len, legend), default=0) + 4))))
@@ -222,7 +222,7 @@ def _panels(rows, columns, shape, legend, bar=0.66, title=0.36):
 
 
 def _bare(ax, title):
-    ax.set_title(title, fontsize=TITLE, y=1.0)  # a place given is not searched for
+    ax.set_title(title, fontsize=TITLE, y=1.0)  # a given y saves a search
     ax.xaxis.set_visible(False)
     ax.yaxis.set_visible(False)
     ax.set_facecolor("0.85")
@@ -245,9 +245,9 @@ def _show(ax, title, cmap, picture, span):
 
 
 def _hues(d, truth=None):
-    """{name: hue} of the materials in view; those that the library lacks lie between the others."""
+    """{name: hue} of the materials in view; those missing in the library get hues in between."""
     starter = MaterialLibrary.starter()
-    of_library = {SKY: starter.hue_deg[starter.sky_index]}  # a truth may hold it, a library not
+    of_library = {SKY: starter.hue_deg[starter.sky_index]}  # a truth may have sky, a library not
     of_library |= zip(d.material_names, d.hue_deg, strict=True)
     hues = {n: of_library[n] for n in names_in_view(d, seen=~d.dead)}
     if truth is not None:
@@ -267,7 +267,8 @@ def _show_materials(ax, title, answer, hues, blank=False):
 
 
 def _legend(hues, d, truth=None):
-    """{label: colour} of what is in view; what the library lacks and the truth holds is marked."""
+    """{label: colour} of what is in view; materials of the truth that the library lacks are
+    marked."""
     labels, there = {n: n for n in names_in_view(d, LEAST_SHARE, ~d.dead)}, []
     if truth is not None:
         lacking = names_lacking(d, truth)[0]
@@ -282,13 +283,13 @@ def _legend(hues, d, truth=None):
 
 
 def colour_of(hue_deg):
-    """The colour of a hue in legends and maps of materials, (r, g, b)."""
+    """The colour (r, g, b) of a hue in legends and maps of materials."""
     return tuple(hsv_to_rgb((hue_deg % 360 / 360, 0.65, 0.85)))
 
 
 def _save(fig, path):
     with whole_file(path) as part, warnings.catch_warnings():
-        # a material's name may be in letters that the font lacks
+        # a material's name may contain letters that the font lacks
         warnings.filterwarnings("ignore", message="Glyph")
-        # packing harder takes longer than all else here, and saves a twentieth
+        # stronger compression takes longer than all else here, and saves a twentieth
         fig.savefig(part, pil_kwargs={"compress_level": 1})

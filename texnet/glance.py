@@ -1,25 +1,25 @@
 """A glance from afar: which of the library's materials the scene holds, and where.
 
-A few patches of PATCH x PATCH pixels, one every STEP pixels (in every other row of them to the
-right, so that no post falls between them), are first answered with the whole library, each by its
-mean spectrum, of which noise is the less.
+Patches of PATCH x PATCH pixels, one every STEP pixels (shifted to the right in every other row, so
+that no post falls between them), are first answered with the whole library, each by its mean
+spectrum, which has less noise.
 
-What is not seen: a material with less than SHARE of the probability there (times how likely the
-likeliest is, in the mean), and nowhere with OWN of some neighbouring patches', is left out when all
-pixels are answered. That takes less time, in proportion to the materials, and spares the answer
-some that are rare and wrong. What is left out has probability zero. In a picture of two
-regions or more on a side, each is looked at only for what is seen there or a few patches around
-(by all methods but `sgd`, which needs the whole at once).
+What is not seen: a material is left out when all pixels are answered if its mean probability over
+the patches is below SHARE (times the mean probability of the likeliest material) and nowhere
+exceeds OWN in the mean of a few neighbouring patches. That saves time in proportion to the
+materials, and keeps some rare, wrong ones out of the answer. What is left out has probability zero.
+In a picture of two regions or more on a side, each region is solved only with what is seen in it or
+a few patches around it (by all methods but `sgd`, which needs the whole picture at once).
 
-What is seen: how likely a material is, there and in the whole picture, is what a network expects
-that looks at pixels and their near neighbours:
+What is seen: the network, which looks at pixels and their near neighbours only, is told to expect a
+material according to how likely it is in the patch and in the whole picture:
 
     expected(m)  =  log q(m) / 2,      q(m)  =  p(m | patch) share(m)^(1/2) / their sum,
 
-q not below LEAST. The patch counts half, being mostly the same evidence as the pixels'; so does
-the share, the mean of q over all patches, found in a few steps like those by which Saerens et al.
-(2002, "Adjusting the outputs of a classifier to new a priori probabilities") find it in full. How
-far to heed it, the network has learnt.
+q not below LEAST. The patch has weight one half, since its evidence is mostly that of the pixels;
+so has the share, the mean of q over all patches, found in a few steps like those by which Saerens
+et al. (2002, "Adjusting the outputs of a classifier to new a priori probabilities") find it in
+full. The network has learnt how far to heed it.
 """
 
 import math
@@ -32,27 +32,27 @@ from physics.expected import Expected, Regions, among_all
 from physics.machinery import scratch
 
 PATCH = 2  # pixels
-STEP = 4  # at most
-PATCHES = 5000  # of a glance, at least, if the picture allows; by fewer nothing is left out
-SHARE = 0.01  # where all is sure; where materials are in doubt, what is there has less
-# pixels on a side of a region, at least; more where each tile looks at a halo around itself, too
+STEP = 4  # pixels, at most
+PATCHES = 5000  # least number in a glance, picture size permitting; with fewer nothing is left out
+SHARE = 0.01  # if all materials are sure; less if they are in doubt
+# least side of a region, pixels; larger for networks, whose tiles also look at a halo around them
 NET_REGION, REGION = 128, 96
-AROUND = 2  # patches beyond a region whose materials it holds, too
-NEAR, OWN = 2, 0.1  # patches on a side, and a material's probability there
+AROUND = 2  # patches around a region whose materials also count as seen in it
+NEAR, OWN = 2, 0.1  # side of a neighbourhood, patches, and a material's mean probability in it
 LEAST_MATERIALS = 2  # to choose from
-HALF = 0.5  # of what comes from the same evidence as what it is added to
-LEAST, LEAST_SHARE = 1e-3, 1e-4  # expected of any material: what is rare stays possible
-SWEEPS = 3  # of the search for the shares
+HALF = 0.5  # weight of what comes from the same evidence as what it is added to
+LEAST, LEAST_SHARE = 1e-3, 1e-4  # lower limits, so that rare materials remain possible
+SWEEPS = 3  # iterations for the shares
 
 
 def answer(run, look, cube, materials, expects):
-    """Maps of a HeatCube by the materials that it holds, as if by all.
+    """Maps of a HeatCube solved with the materials that it holds, in the form of all materials.
 
-    run        (cube, seen[, expected, regions]) -> dict of maps by the materials of these indices,
-               of which those are Expected and Regions, if the picture is not too small to be seen
-               from afar, or for anything to be left out
-    look       run of the glance, of which material_probability is wanted alone
-    materials  how many there are
+    run        (cube, seen[, expected, regions]) -> dict of maps for the materials with indices
+               seen; gets Expected if the picture is large enough for a glance, and Regions if it
+               is large enough for materials to be left out
+    look       the run for the glance, of which only material_probability is needed
+    materials  the number of materials
     expects    whether run makes use of what is expected
     """
     every = np.arange(materials)
@@ -76,7 +76,7 @@ def answer(run, look, cube, materials, expects):
 
 
 def from_afar(cube, step):
-    """HeatCube of the patches' means, one every step pixels."""
+    """HeatCube of the mean spectra of patches, one every step pixels."""
     means = np.stack([_patches(band, step) for band in scratch.parts(cube.radiance)])
     pixels = math.prod(min(PATCH, size) for size in cube.shape)
     dead = _all_dead(cube, step)
@@ -85,12 +85,12 @@ def from_afar(cube, step):
 
 
 def _all_dead(cube, step):
-    """(h, w) bool: patches of which no pixel was measured."""
+    """(h, w) bool: patches in which no pixel was measured."""
     return _patches(cube.dead, step) == 1
 
 
 def _patches(band, step):
-    """(h, w) means of patches of a band (height, width), all within it."""
+    """(h, w) means over patches of a band (height, width), all inside it."""
     down, right = (min(PATCH, size) for size in band.shape)
     row, column = np.ogrid[0 : band.shape[0] : step, 0 : band.shape[1] : step]
     column = np.minimum(column + row // step % 2 * (step - PATCH), band.shape[1] - right)
@@ -102,11 +102,11 @@ def _patches(band, step):
 
 
 def materials_seen(probability):
-    """Ascending indices of the materials seen, of probability (materials, h, w), in which what is
-    no number says nothing."""
+    """Ascending indices of the materials seen, from probability (materials, h, w); patches that are
+    NaN are ignored."""
     probability = np.where(np.isfinite(probability), probability, 0)
     rows, columns = (min(NEAR, size) for size in probability.shape[1:])
-    # the last of an odd number is looked at with the one before
+    # the last of an odd number is paired with the one before
     odd = [(0, -n % min(NEAR, n)) for n in probability.shape[1:]]
     padded = np.pad(probability, [(0, 0), *odd], mode="reflect")
     height, width = padded.shape[1:]
@@ -120,7 +120,7 @@ def materials_seen(probability):
 
 
 def regions(probability, step, shape, least):
-    """Regions, of at least so many pixels a side, of a picture of that shape, of probability
+    """Regions, at least so many pixels on a side, of a picture of that shape, from probability
     (materials, h, w) at its patches."""
     cuts = tuple(
         tuple(i * size // parts // STEP * STEP for i in range(parts)) + (size,)
@@ -135,14 +135,14 @@ def regions(probability, step, shape, least):
         part = probability[:, rows[i], columns[j]]
         if np.isfinite(part).any():
             held[i, j, materials_seen(part)] = True
-        else:  # no patch was measured there, though pixels between them may have been
+        else:  # no patch was measured there, though pixels between patches may have been
             held[i, j] = True
     return Regions(cuts, held)
 
 
 def expected(probability):
-    """(materials, h, w) float32 nats by which materials are expected, of probability (materials,
-    h, w), in which what is no number says nothing."""
+    """(materials, h, w) float32 nats by which materials are expected, from probability (materials,
+    h, w); patches that are NaN are ignored."""
     weight, rows = np.ones(len(probability)), range(probability.shape[1])
     says = np.isfinite(probability).all(axis=0)
     for _ in range(SWEEPS if says.any() else 0):

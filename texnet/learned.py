@@ -19,22 +19,22 @@ from .files.weights import load_network
 from .methods import WEIGHTS
 from .model import TeX, TeXModel
 
-ON_GPU = 2  # tiles at once: a GPU has less to do than there is to tell it
+ON_GPU = 2  # tiles at once: launching the work takes longer than doing it
 _ONE_RUN = Lock()
 
 
 def torch_model(network=None, *, steps=STEPS, device="cpu"):
     """run(radiance, known, progress, expected, regions, refined) -> dict of TeX's maps, in numpy.
 
-    network   a TeXNet; the shipped one if None.  device    "cpu" or "cuda", where it is computed
+    network   a TeXNet; the shipped one if None.  device    "cpu" or "cuda", where it runs
     radiance  (bands, height, width);  known   dict of arrays as from `physics.known.known_arrays`
     expected  physics.expected.Expected of the materials, or None
     regions   physics.expected.Regions of the picture, or None: all materials everywhere
-    refined   True: net+sgd, of so many steps; False: net, the network's proposal as it is
+    refined   True: net+sgd, with so many steps; False: net, the network's unrefined proposal
     """
     check_device(device)
     network, gpu = shipped_network() if network is None else network, device == "cuda"
-    # the same one in all threads
+    # one device for all threads
     there = torch.device("cuda", torch.cuda.current_device()) if gpu else torch.device("cpu")
     network = deepcopy(network).to(there)
     models = {refined: TeXModel(network, steps if refined else 0) for refined in (True, False)}
@@ -60,13 +60,13 @@ def torch_model(network=None, *, steps=STEPS, device="cpu"):
 
     def run(radiance, known, progress=None, expected=None, regions=None, refined=True):
         of_tile = partial(answer_beside_others if gpu else answer, models[refined])
-        with _ONE_RUN, _exact():  # torch's threads and precision are those of the process
+        with _ONE_RUN, _exact():  # torch's threads and precision are set for the whole process
             threads = torch.get_num_threads()
             at_once = ON_GPU if gpu else min(threads, MOST_AT_ONCE)
             tile_bytes = TILE_BYTES / at_once
-            if gpu:  # where a tile is worked on all at once, not chunk by chunk
+            if gpu:  # where a tile is processed at once, not in chunks
                 tile_bytes = min(TILE_BYTES, torch.cuda.mem_get_info(there)[0] / (10 * at_once))
-            torch.set_num_threads(max(1, threads // at_once))  # many on one tile waste more
+            torch.set_num_threads(max(1, threads // at_once))  # many threads on a tile waste more
             try:
                 return by_tiles(
                     of_tile, radiance, known, expected, regions,
@@ -81,7 +81,7 @@ def torch_model(network=None, *, steps=STEPS, device="cpu"):
 
 @contextmanager
 def _exact():
-    """float32 is float32 here, whatever the process has set: TF32 and bfloat16 change materials."""
+    """Keep float32 exact whatever the process has set: TF32 and bfloat16 change materials."""
     backends = torch.backends
     of = (
         backends.cuda.matmul, backends.cudnn.conv, backends.mkldnn.matmul, backends.mkldnn.conv,
@@ -105,7 +105,7 @@ def check_device(device):
     if not torch.cuda.is_available():
         raise InputError("device: torch finds no CUDA GPU here; take --device cpu.")
     try:
-        # linear algebra, too, which two threads at once may not load
+        # also loads linear algebra, which two threads must not load at once
         torch.linalg.inv(torch.eye(2, device="cuda")).sum().item()
     except (RuntimeError, AssertionError) as e:  # too old, or full
         why = str(e).splitlines()[0]

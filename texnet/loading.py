@@ -8,17 +8,17 @@ from contextlib import contextmanager
 
 @contextmanager
 def loading():
-    """Puts Ctrl-C off to the block's end, and what else Python is to hear of: a package that is
-    interrupted while it loads may swallow it, or break. (To block the signals is not enough: a
-    thread that a package starts may take them.)
-    What a command loads stays until its end, so that it is never looked through for garbage: a
-    seventh of a short command's time.
+    """Postpone Ctrl-C, and other signals that Python handles, to the end of the block: a package
+    interrupted while loading may swallow the exception, or break. (Blocking the signals is not
+    enough: a thread started by a package may receive them.)
+    What a command loads stays until it ends, so garbage collection skips it: a seventh of a short
+    command's time.
     """
     came, handlers = [], {}
-    if threading.current_thread() is threading.main_thread():  # the others hear of no signal
+    if threading.current_thread() is threading.main_thread():  # others receive no signals
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
             number = getattr(signal, name, signal.SIGINT)
-            # of None, which is a handler of C's, it is not Python that hears
+            # None is a handler installed from C, not from Python
             if number not in handlers and signal.getsignal(number) is not None:
                 handlers[number] = signal.signal(number, lambda n, _: came.append(n))
     collects = gc.isenabled()

@@ -1,8 +1,8 @@
-"""The four methods: how the pixels of a cube are answered, in an environment that is known.
+"""The four methods: how the pixels of a cube are solved in a known environment.
 
 net, net+sgd   evidence -> network -> refinement and texture (`model`)
 local, sgd     exact local solution of every pixel and material -> semi-global refinement ->
-               distilled texture, with how sure each part is (`solver`)
+               distilled texture, with the uncertainty of each part (`solver`)
 """
 
 from collections.abc import Callable
@@ -24,11 +24,11 @@ WEIGHTS, ONNX = "texnet.safetensors", "texnet.onnx"  # in texnet/data: the netwo
 
 
 class Look(NamedTuple):
-    """answer(environment, cube, seen): maps by name, as `model.TeX` has them, of the pixels of a
-    HeatCube in an Environment, by those of the library's materials that may be seen, ascending
-    indices. The log evidence of all that one Look answers can be compared, not that of two.
+    """answer(environment, cube, seen): maps by name, as in `model.TeX`, of the pixels of a HeatCube
+    in an Environment, restricted to the library's materials with the ascending indices seen. Log
+    evidence is comparable between answers of one Look, but not between two Looks.
 
-    at_once  how many may be asked for at a time, in threads, once one was answered
+    at_once  how many calls may run at a time, in threads, once the first has returned
     """
 
     answer: Callable
@@ -39,16 +39,16 @@ class Look(NamedTuple):
 
 
 class Run(Protocol):
-    """The final answer, maps by name as of a Look, with progress: of the materials that are
-    expected (physics.expected.Expected) and, in each of Regions of the picture, of those that are
+    """The final answer, maps by name as of a Look, with progress. Materials are weighted as
+    expected (physics.expected.Expected) and limited, in each of the picture's Regions, to those
     held there. lap(stage) is called after each stage."""
 
     def __call__(self, environment, cube, seen, expected=None, regions=None, *, lap): ...
 
 
 class Method(NamedTuple):
-    """looks() is a new Look, by net+sgd or local, by which circumstances and a glance are found;
-    expects, whether run makes use of what is expected."""
+    """looks() makes a new Look, by net+sgd or local, for finding the circumstances and the glance;
+    expects: whether run uses what is expected."""
 
     looks: Callable[[], Look]
     run: Run
@@ -56,9 +56,9 @@ class Method(NamedTuple):
 
 
 def by_network(library, model, refined=True, progress=None):
-    """net+sgd of a MaterialLibrary, or net, if not refined; model as `pipeline.decompose` takes it,
-    progress(done, total)."""
-    # model is a method of what says so, such as export.Runtime
+    """The Method net+sgd for a MaterialLibrary, or net if not refined; model as in
+    `pipeline.decompose`, progress(done, total)."""
+    # model may be a method of an object with this attribute, such as export.Runtime
     at_once = getattr(getattr(model, "__self__", None), "at_once", 1)
 
     def known_of(environment, cube, seen):
@@ -69,7 +69,7 @@ def by_network(library, model, refined=True, progress=None):
         return maps | {"temperature_sigma_k": _cut_off(maps, known["prior_k"], cube)}
 
     def looks():
-        basis = None  # of the first, for all: by another one the evidence is of other numbers
+        basis = None  # the first call's serves all: evidence under another is not comparable
 
         def look(environment, cube, seen):
             nonlocal basis
@@ -89,8 +89,8 @@ def by_network(library, model, refined=True, progress=None):
 
 
 def by_solver(library, smooth, report):
-    """local of a MaterialLibrary, or sgd, if smooth; report(what) gives a progress(done, total) or
-    None."""
+    """The Method local for a MaterialLibrary, or sgd if smooth; report(what) gives a
+    progress(done, total) or None."""
     import numba  # which takes a second to load
 
     from .solver import solve_each, solve_smooth
@@ -114,8 +114,8 @@ def by_solver(library, smooth, report):
 
 
 def _cut_off(maps, prior_k, cube):
-    """(height, width) sigma of T, where that was cut off no less than how far from it the pixel of
-    a HeatCube looks."""
+    """(height, width) sigma of T; where T was clipped, at least the distance to the pixel's
+    brightness temperature in the HeatCube."""
     t, sigma, (usual, spread) = maps["temperature_k"], maps["temperature_sigma_k"], prior_k
     cut = np.abs(t - usual) > 0.999 * MAX_T * spread
     if not cut.any():

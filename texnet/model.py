@@ -1,15 +1,15 @@
 """The whole answer to a cube in one module: evidence, network, refinement, texture.
 
-This is `net+sgd`, and what `export` writes into an ONNX file. The network proposes: log
-probabilities of all materials, T, V.
-Refinement solves Eq. 6 from there for the likeliest hypotheses (material, pure or partly sky), and
-what a hypothesis loses by V's bounds, by Planck's law and by T's distance from what is usual counts
-against it as much as the network trusts the pixel's evidence:
+This is `net+sgd`, and what `export` writes into an ONNX file. The network proposes log
+probabilities of all materials, T and V. From there, refinement solves Eq. 6 for the likeliest
+hypotheses (material, pure or partly sky). The energy E_h that V's bounds, Planck's law and T's
+distance from its usual value cost a hypothesis h counts against it in proportion to the network's
+trust a in the pixel's evidence:
 
     log p(h)  <-  log p_net(h) - a E_h
 
-so a material may change. T and V are the best hypothesis's; sigma of T holds the doubt about m.
-What light that leaves (`texture`) comes last.
+so the material may change. T and V are those of the best hypothesis; sigma of T includes the doubt
+about m. The light that this leaves is computed last (`texture`).
 """
 
 from functools import partial
@@ -28,19 +28,19 @@ from .network import TeXNet, log_add, material_of, pure_and_mixed, stem
 from .texture import Chosen, textured
 from .uncertainty import NET_LIKELY, OWN_PROBABILITY, RIM_NATS
 
-CLOSE_NATS = 5.0  # behind the first, once that is refined; farther ones are not (`_refined`)
-NEVER_NATS, AFTER_ALL_NATS = 1e9, 1e6  # what cannot be; what comes after all others that can
+CLOSE_NATS = 5.0  # behind the first once that is refined; farther ones are not refined (`_refined`)
+NEVER_NATS, AFTER_ALL_NATS = 1e9, 1e6  # rules a hypothesis out; ranks it after all possible ones
 
 
 class TeX(NamedTuple):
-    """Maps (height, width); float32 unless said.
+    """Maps (height, width), float32 unless stated otherwise.
 
-    material_probability (materials, ...); material int64; temperature_k K, of sky that of
-    what stands before it, if any, or the air's; temperature_sigma_k K; thermal_lighting
-    (k, ...), of sky zero or that of what may stand before it; texture X (bands, ...) W m-2 sr-1
-    um-1, of sky likewise; sky_texture band mean of its sky-lit part, or, where no object is sky,
-    residual; residual root mean square in noise units; log_evidence nats, of all hypotheses
-    together; unknown bool.
+    material_probability (materials, ...); material int64; temperature_k K, for sky that of what
+    stands before it, if anything, or of the air; temperature_sigma_k K; thermal_lighting (k, ...),
+    for sky zero or that of what may stand before it; texture X (bands, ...) W m-2 sr-1 um-1, for
+    sky likewise; sky_texture band mean of its sky-lit part, or, if no object is sky, residual;
+    residual root mean square in noise units; log_evidence nats, of all hypotheses together;
+    unknown bool.
     """
 
     material_probability: torch.Tensor
@@ -56,8 +56,8 @@ class TeX(NamedTuple):
 
 
 class PixelInputs(NamedTuple):
-    """Of P pixels, P the last axis everywhere: their spectra (bands, P), what they say by
-    themselves, and what the network says."""
+    """For P pixels, always the last axis: their spectra (bands, P), what each pixel says by itself,
+    and what the network says."""
 
     spectra: torch.Tensor
     air: torch.Tensor
@@ -71,14 +71,14 @@ class PixelInputs(NamedTuple):
 
 
 class TeXModel(nn.Module):
-    """What is known of a scene and radiance (bands, height, width) W m-2 sr-1 um-1 -> TeX.
+    """Maps a scene and its radiance (bands, height, width) W m-2 sr-1 um-1 to TeX.
 
-    scene         tensors by name, of `physics.hypotheses.set_up`
+    scene         tensors by name, from `physics.hypotheses.set_up`
     steps         of refinement; 0 answers with what the network and the evidence say
-    log_expected  (materials, height, width) nats by which a material is expected, as `glance` has
-                  them, for what lies beyond the network's sight; of all 0 if None
-    inner         (4,) int64 top, left, height, width of the part of the image that is answered,
-                  the rest being there only to be looked at; all of it if None
+    log_expected  (materials, height, width) nats by which a material is expected because of what
+                  lies beyond the network's sight, as in `glance`; all 0 if None
+    inner         (4,) int64 top, left, height, width of the part of the image to answer, the rest
+                  serving as context only; all of it if None
     """
 
     def __init__(self, network: TeXNet, steps=STEPS):
@@ -97,7 +97,7 @@ class TeXModel(nn.Module):
 
         def see(spectra, expected):
             s = stem(known, h, spectra)
-            air = s.brightness.amax(0)  # as warm as its opaque bands look
+            air = s.brightness.amax(0)  # the temperature that its opaque bands show
             own = self.network.own(known, code, s, expected)
             return own, s.t, s.lighting, air, s.log_evidence, s.log_pure, s.log_mixed
 
@@ -111,7 +111,7 @@ class TeXModel(nn.Module):
         if inner is not None:
             seen, shape = _cut(seen, shape, inner)
         solve, distill = partial(_solved, known, h, b, self.steps), partial(textured, known, h)
-        # of a part too: torch knows only the tile's size
+        # as many chunks for a part: torch knows only the tile's size
         p, material, log_evidence, *chosen = by_chunks(solve, seen, chunks(SOLVED))
         (spectra, air, *_), in_bands = seen, chunks_of(spectra.shape[1], spectra.shape[0], TEXTURED)
         *maps, unknown = by_chunks(distill, (spectra, air, *chosen), in_bands)
@@ -120,8 +120,8 @@ class TeXModel(nn.Module):
 
 
 def _solved(known, h, b, steps, *seen):
-    """Of pixels, of their PixelInputs: TeX's material_probability, material and log_evidence, and
-    then what is Chosen."""
+    """For pixels given as PixelInputs: TeX's material_probability, material and log_evidence,
+    followed by the fields of Chosen."""
     seen = PixelInputs(*seen)
     materials, sky = known.is_sky.shape[0], known.is_sky
     log_row = _proposed(known, h, seen)
@@ -139,7 +139,7 @@ def _solved(known, h, b, steps, *seen):
     best = score.argmax(0, keepdim=True)
     material = material_of(row.gather(0, best)[0], materials)
     is_sky = sky[material] > 0
-    # what stands before the sky, where that may be anything
+    # what stands before the sky, where anything may
     solid = score - AFTER_ALL_NATS * of_sky
     of_solid, at = solid.max(0, keepdim=True)
     empty = is_sky & ((score.amax(0) - of_solid[0]) > RIM_NATS)
@@ -159,19 +159,19 @@ def _solved(known, h, b, steps, *seen):
 
 
 def _proposed(known, h, seen):
-    """(R, P) log probability of all hypotheses, of the network and the pixel together."""
-    never = NEVER_NATS * known.is_sky * (known.sky_mean.max() <= 0)  # sky where none is in view
+    """(R, P) log probability of all hypotheses, from the network and the pixel together."""
+    never = NEVER_NATS * known.is_sky * (known.sky_mean.max() <= 0)  # no sky if none is in view
     return _by_hypothesis(h, seen.log_material - never[:, None], seen)
 
 
 def _by_hypothesis(h, log_m, seen):
-    """(R, P) of the materials' (M, P), pure and, if any is, mixed."""
+    """(R, P) from the materials' (M, P): pure and, if there are any, mixed."""
     log_row = torch.cat([log_m + seen.log_pure, log_m + seen.log_mixed])
     return log_row[: h.offset.shape[0]]
 
 
 def _own_evidence(h, seen, row, r):
-    """(P,) log evidence of all hypotheses together, of which row (C, P) were Refined."""
+    """(P,) log evidence of all hypotheses together, after those of row (C, P) were Refined."""
     log_row = _by_hypothesis(h, seen.log_evidence, seen)
     log_row = _after(log_row, row, log_row.gather(0, row), r.energy)
     most = log_row.amax(0)
@@ -180,7 +180,7 @@ def _own_evidence(h, seen, row, r):
 
 def _t_and_variance(known, r, before, solid):
     """T (P,) of the hypotheses before (1, P), in the prior's units, and its variance, K^2: the
-    hypothesis's own or, if more, that among all Refined, weighted by their scores solid (C, P)."""
+    hypothesis's own or, if larger, that among all Refined, weighted by the scores solid (C, P)."""
     t, sigma = r.t.gather(0, before)[0], r.sigma.gather(0, before)[0]
     weight = torch.softmax(solid, dim=0)
     doubt = (weight * (r.sigma**2 + (r.t - t) ** 2)).sum(0)
@@ -188,14 +188,14 @@ def _t_and_variance(known, r, before, solid):
 
 
 def _after(log_row, row, score, energy):
-    """log_row (R, P) after the refinement of the hypotheses row (C, P), of score (C, P), which it
-    cost energy (C, P); the others would lose at least as much as the best of these, if anything:
-    E is below 0 where T is so far from usual that the closed-form evidence means nothing."""
+    """log_row (R, P) after refining the hypotheses row (C, P), which had score (C, P) and cost
+    energy (C, P); the others would lose at least as much as the best of these, if anything: E is
+    below 0 where T is so far from usual that the closed-form evidence means nothing."""
     return (log_row - energy.amin(0).clamp(min=0)).scatter(0, row, score - energy)
 
 
 def _cut(arrays, shape, inner):
-    """Arrays (..., P) of an image of that shape, cut to its inner part; and the part's shape."""
+    """Arrays (..., P) of an image of that shape, cut to its inner part; and that part's shape."""
     top, left, height, width = inner.tolist()
     for n in (top, left, height, width):
         torch._check(n >= 0)
@@ -206,8 +206,8 @@ def _cut(arrays, shape, inner):
 
 
 def _refined(known, b, x, row, score, seen, is_sky, steps):
-    """Refined (..., C, P) of the C likeliest hypotheses, of which is_sky (C, P) says which are sky;
-    as the network proposes them, if steps is 0.
+    """Refined (..., C, P) of the C likeliest hypotheses, where is_sky (C, P) marks those of sky; if
+    steps is 0, as the network proposes them.
 
     Those too far behind the first to catch up are not refined; they take its T, sigma, V and E.
     """
@@ -219,7 +219,7 @@ def _refined(known, b, x, row, score, seen, is_sky, steps):
     usual = known.usual_lighting
     first = refine(b, x[0], row[0], t, guess, usual, width, steps)
     behind = score[0] - seen.trust * first.energy.clamp(min=0) - score[1:]
-    # where sky is first, T may be that of the best of those that are not: all are refined, or none
+    # where sky is first, T may be that of the best solid hypothesis: all are refined, or none
     of_solid = (behind + AFTER_ALL_NATS * is_sky[1:]).amin(0)
     too_far = torch.where(is_sky[0], of_solid - RIM_NATS, behind - CLOSE_NATS)
     close = (too_far < 0).flatten().nonzero()[:, 0]
@@ -234,8 +234,8 @@ def _refined(known, b, x, row, score, seen, is_sky, steps):
 
 
 def _unrefined(b, row, t, lighting, width):
-    """The network's own T and V, for every hypothesis the same; sigma as if V had no bounds, by
-    the prior that refinement has."""
+    """The network's own T and V, the same for every hypothesis; sigma as if V were unbounded, with
+    the prior used in refinement."""
     known = (torch.linalg.inv(b.tt)[:, 0] ** 2).sum(1) ** -1 - 1 + width**-2
     sigma = of_rows(known**-0.5, one_hot(row, known.shape[0]))
     lighting = lighting[:, None].expand(-1, *row.shape)

@@ -1,21 +1,21 @@
 """TeXNet: a small network that sees each pixel's evidence and its surroundings.
 
-Physics does what it can do alone: `physics.evidence` gives every material's evidence and T
-for every pixel, whatever the bands, the library and the environment. What is left to learn is
-how far to trust it, and what the neighbourhood says. Materials and environment objects enter
-as sets: their curves are encoded by kernels over wavelength, pixels see belief-weighted means
-of the codes, and what the network answers about a material is a similarity to its code. So
-one set of weights serves any bands, any library and any k, and permuting the library or the
+Physics does what it can on its own: `physics.evidence` gives every material's evidence and T
+for every pixel, for any bands, library and environment. The network learns the rest: how far to
+trust that evidence, and what the neighbourhood implies. Materials and environment objects enter
+as sets: kernels over wavelength encode their curves, pixels see belief-weighted means of the
+codes, and a material's score is the similarity of the network's output to its code. One set of
+weights therefore serves any bands, any library and any k, and permuting the library or the
 environment permutes the answer.
 
     features   of a pixel, dimensionless: brightness temperatures, evidence, codes believed in
-    trunk      3 x 3 convolutions with growing dilation, over cells of 2 x 2 pixels; what they
-               see of the surroundings is added to each pixel's own
+    trunk      dilated 3 x 3 convolutions over cells of 2 x 2 pixels; what they see of the
+               surroundings is added to each pixel's own features
     material   logits = a log p(z | m) + b expected_m + q . code_m + messages from the neighbours,
                a, b and q from the trunk; expected is what a glance from afar says (`glance`),
                messages are the neighbours' own beliefs, weighted by the trunk
     T          belief-weighted mean of the materials' T, plus an offset
-    V          softmax over the objects of c log V^ + r . code_j, V^ the likeliest material's
+    V          softmax over the objects of c log V^ + r . code_j, V^ that of the likeliest material
 """
 
 from typing import NamedTuple
@@ -34,18 +34,18 @@ from .glance import STEP
 
 CODE, LIGHT_CODE, SPECTRUM_CODE = 24, 12, 16
 FREQUENCIES = 6
-ONE = 0.5413  # softplus(ONE) is 1, which some weights are at first
+ONE = 0.5413  # softplus(ONE) is 1, the initial value of some weights
 STRIDE = 2  # pixels to a cell of the trunk
 DILATIONS = (1, 2, 4, 2)  # of its convolutions: a context of 38 x 38 pixels
-EVIDENCE_FLOOR = -60.0  # nats: what is hopeless is hopeless
+EVIDENCE_FLOOR = -60.0  # nats below the best; further differences do not matter
 NOISE_AT = 0.05  # K
 COLDEST_K = 60.0
 
 
 class Stem(NamedTuple):
-    """What physics says of P pixels and M materials, pure or mixed with sky.
+    """Physical quantities for P pixels and M materials, pure or mixed with sky.
 
-    log_evidence (M, P) of pure or mixed, log_pure and log_mixed (M, P) the logarithms of their
+    log_evidence (M, P) of pure or mixed; log_pure and log_mixed (M, P), the logarithms of their
     shares in it; t (M, P) temperature in prior deviations; lighting (k, P) of the likeliest
     hypothesis, clipped to the simplex; brightness (bands, P) brightness temperature, K.
     """
@@ -64,9 +64,9 @@ def stem(known: Known, h: Hypotheses, spectra):
     per_row, x = evidence(h, spectra / known.sigma[:, None])
     pure, mixed = pure_and_mixed(per_row, materials, NEVER)
     more = mixed - pure
-    log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) is so much above the larger
+    log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) minus the larger of both
     log_pure, log_mixed = -(more.relu() + log_sum), -((-more).relu() + log_sum)
-    # c's first is t itself
+    # the first of the TERMS is t itself
     t = pure_and_mixed(x[:, -TERMS].clamp(-MAX_T, MAX_T), materials)
     best = per_row.argmax(dim=0)
     v = x.gather(0, best.expand(1, k, -1))[0]
@@ -82,15 +82,15 @@ def stem(known: Known, h: Hypotheses, spectra):
 
 
 def pure_and_mixed(of_hypotheses, materials, less=0.0):
-    """(M, P) each, of hypotheses (R, P): where none is mixed, of the pure ones again, so much
-    less."""
+    """Hypotheses (R, P) as (M, P) each of pure and mixed; without mixed ones, the pure ones minus
+    less take their place."""
     rows = of_hypotheses.shape[0]
     none_mixed = 2 - rows // materials
     return of_hypotheses[:materials], of_hypotheses[rows - materials :] - less * none_mixed
 
 
 def material_of(row, materials):
-    """The material's index of hypotheses row (...): row % materials, as ONNX can have it."""
+    """The material's index for hypotheses row (...): row % materials, in a form ONNX supports."""
     return torch.arange(materials, device=row.device).repeat(2)[row]
 
 
@@ -100,22 +100,22 @@ def log_add(a, b):
 
 
 def _log_1p_exp(x):
-    """log(1 + exp x) of x <= 0; in ONNX, torch's own is far slower or overflows."""
+    """log(1 + exp x) for x <= 0; in ONNX, torch's own is far slower or overflows."""
     return torch.log(1 + torch.exp(x))
 
 
 def _asinh(x):
-    """asinh x, coarsely below -100; as above."""
+    """asinh x, inaccurate below -100; for the same reason."""
     return torch.log((x + (x * x + 1).sqrt()).clamp(min=1e-4))
 
 
 def _softplus(x):
-    """log(1 + exp x); as above."""
+    """log(1 + exp x); for the same reason."""
     return x.relu() + _log_1p_exp(-x.abs())
 
 
 def _relative(log_evidence):
-    """log p(m | z) (M, P) with all materials alike beforehand, not too low; and log p(z) (P,)."""
+    """log p(m | z) (M, P) under a uniform prior, clamped from below; and log p(z) (P,)."""
     best = log_evidence.amax(0)
     best = best + (log_evidence - best).exp().sum(0).log()
     return (log_evidence - best).clamp(min=EVIDENCE_FLOOR), best
@@ -123,7 +123,7 @@ def _relative(log_evidence):
 
 class Code(NamedTuple):
     """curve (M, CODE) of the materials, light (k, LIGHT_CODE) of the environment's objects and
-    kernel (bands, SPECTRUM_CODE), by which pixels look at spectra."""
+    kernel (bands, SPECTRUM_CODE), which is applied to the pixels' spectra."""
 
     curve: torch.Tensor
     light: torch.Tensor
@@ -133,8 +133,8 @@ class Code(NamedTuple):
 class Prediction(NamedTuple):
     """The network's answer for height x width pixels.
 
-    log_material (materials, height, width) log probabilities; trust (height, width) of the
-    evidence, a above; temperature_k (height, width) K; log_lighting (k, height, width).
+    log_material (materials, height, width) log probabilities; trust (height, width), the weight a
+    of the evidence; temperature_k (height, width) K; log_lighting (k, height, width).
     """
 
     log_material: torch.Tensor
@@ -144,9 +144,9 @@ class Prediction(NamedTuple):
 
 
 class TeXNet(nn.Module):
-    """The network; width is the number of channels of its trunk, whose cells are stride x stride
-    pixels, 1, 2 or 4; messages is how many rounds of them are passed. Raises ValueError where these
-    are not whole numbers, or too small."""
+    """The network. width is the number of channels of its trunk, whose cells are stride x stride
+    pixels (1, 2 or 4); messages is the number of message rounds. Raises ValueError if any of
+    these, or of dilations, is not a whole number, is too small, or is not allowed."""
 
     def __init__(self, width=48, dilations=DILATIONS, messages=2, stride=STRIDE):
         super().__init__()
@@ -168,25 +168,25 @@ class TeXNet(nn.Module):
         self.heads = nn.Conv2d(width, CODE + LIGHT_CODE + 4 + 8 * messages, 1)
         for layer in self.trunk:
             nn.init.zeros_(layer.bias)
-        with torch.no_grad():  # at first: what physics says
+        with torch.no_grad():  # initially the answer is that of the physics
             self.heads.weight.mul_(0.1)
             self.heads.bias.zero_()
 
     @property
     def halo(self):
-        """How many pixels around itself an answer depends on; whole cells."""
+        """How far around it, in pixels, an answer depends on the image; whole cells."""
         stride, messages = self.config["stride"], self.config["messages"]
         reach = sum(self.config["dilations"]) * stride + stride - 1
         return -(-(reach + messages * (messages + 1) // 2) // stride) * stride
 
     def forward(self, known: Known, s: Stem, expected, shape) -> Prediction:
-        """Of a picture of that shape and its Stem; expected (M, P) nats, as `glance` has them."""
+        """For a picture of that shape and its Stem; expected (M, P) nats, as in `glance`."""
         code = self.encode(known)
         own = self.own(known, code, s, expected)
         return self.look_around(known, code, own, s.log_evidence, expected, s.t, s.lighting, shape)
 
     def encode(self, known: Known) -> Code:
-        """What materials, objects and bands are to the network."""
+        """The Code of the materials, objects and bands."""
         wavelength = known.nodes_um.mean(1)
         e = known.emissivity.mean(-1)
         e = e + (1 - e) * known.is_sky[:, None]
@@ -198,7 +198,7 @@ class TeXNet(nn.Module):
         )
 
     def own(self, known: Known, code: Code, s: Stem, expected):
-        """(width, P) what each pixel says by itself, where materials are expected (M, P)."""
+        """(width, P) features of each pixel by itself, given expected (M, P) nats."""
         curve, light, kernel = (a.t() for a in code)
         prior, deviation = known.prior_k[0], known.prior_k[1]
         log_evidence, best = _relative(s.log_evidence)
@@ -209,13 +209,13 @@ class TeXNet(nn.Module):
         bands = known.nodes_um.shape[0]
         t = (belief * s.t).sum(0)
         usual = noise_sigma(known.nodes_um.mean(1), NOISE_AT)
-        # of uneven noise, as behind air, the even one that tells as much
+        # for noise that varies over bands, as behind air: the equally informative uniform noise
         noise = -0.5 * torch.log(((usual / known.sigma) ** 2).mean())
         scalars = torch.stack([
             (mean - prior) / 10,
             t * deviation / 10,
             (prior + t * deviation - mean) / 5,
-            torch.asinh(best / known.basis.shape[0]),  # far below what _asinh can
+            torch.asinh(best / known.basis.shape[0]),  # too negative for _asinh
             1 - belief.amax(0),
             -(belief * log_evidence).sum(0),
             -(belief * expected).sum(0),
@@ -233,8 +233,8 @@ class TeXNet(nn.Module):
     def look_around(
         self, known: Known, code: Code, own, log_evidence, expected, t, lighting, shape
     ) -> Prediction:
-        """own (width, P) of a whole picture, what is expected (M, P), and of its Stem log_evidence,
-        t and lighting."""
+        """The Prediction from own (width, P) of a whole picture, expected (M, P), and log_evidence,
+        t and lighting of its Stem."""
         height, width = shape
         out = self._heads(own.reshape(1, -1, height, width))
         out = out.reshape(-1, height * width)
@@ -271,7 +271,7 @@ class TeXNet(nn.Module):
 
 
 class Kernel(nn.Module):
-    """Functions of wavelength, n of them, smooth enough to be sampled at any bands."""
+    """n functions of wavelength, smooth enough to be sampled at any bands."""
 
     def __init__(self, n):
         super().__init__()
@@ -285,7 +285,7 @@ class Kernel(nn.Module):
 
 
 class SetCode(nn.Module):
-    """Codes of the spectra of a set, each with a flag, by kernels over wavelength."""
+    """Codes of a set of spectra, each with a flag, by kernels over wavelength."""
 
     def __init__(self, n):
         super().__init__()

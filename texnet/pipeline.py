@@ -1,11 +1,10 @@
 """The pipeline: a heat cube in, its TeX decomposition out.
 
-First come the circumstances: bands, noise, the environment, and what is wrong with or before the
-camera, which is corrected (`circumstances`). In these the pixels are answered (`answered`): after a
-glance from afar at what materials there are and where (`glance`), by one of four `methods`.
+First, `circumstances` finds the bands, the noise and the environment, and corrects errors of the
+camera and the effect of the air before it. Then `answered` solves the pixels: a glance from afar
+finds which materials there are and where (`glance`), and one of four `methods` does the rest.
 
-Pixels that are far hotter than the rest are taken out before, and solved apart
-(`physics.cube.hot`).
+Pixels far hotter than the rest are removed beforehand and solved separately (`physics.cube.hot`).
 """
 
 import math
@@ -39,8 +38,8 @@ from .uncertainty import (
     with_level_error,
 )
 
-MAX_SEED = 2**32 - 1  # of scikit-learn
-_LOADING = Lock()  # once, whatever the threads
+MAX_SEED = 2**32 - 1  # scikit-learn's limit
+_LOADING = Lock()  # the model is loaded once, however many threads ask
 
 
 def decompose(
@@ -55,32 +54,31 @@ def decompose(
     model=None,
     progress=None,
 ) -> Decomposition:
-    """Decompose a heat cube, less its bad bands and what is wrong with its camera (see above).
+    """Decompose a heat cube, after removing bad bands and correcting the camera (see above).
 
     library      the materials that may occur; the starter library if None
     method       "net+sgd": the network's proposal, refined; "net": the network alone;
-                 "local": each pixel by itself, exactly; "sgd": semi-global, from local
-    k            number of environment objects, 1..10, estimated from the cube by K-means, fewer
-                 where its pixels differ less; or "auto": as many as the scene supports
-                 (`physics.support`). If None, 5 where the sky is in view, else as "auto"
-    environment  take this one instead (leave out k, which is its own, but where all of it is sky:
-                 the others are found then, 5 in all, 2 at least), at the cube's bands, as it shows
-                 it: it moves with the wavelengths that the sky's ozone shows, and no other shift,
-                 gain, offset or air is looked for, but whether it is kelvins off; if that is
-                 known, say so: environment.off_by(kelvin)
+                 "local": each pixel on its own, exactly; "sgd": semi-global, starting from local
+    k            number of environment objects, 1..10, found in the cube by K-means, fewer if its
+                 pixels differ too little; or "auto": as many as the scene supports
+                 (`physics.support`). If None, 5 if the sky is in view, otherwise as "auto"
+    environment  use this one, at the cube's bands, and do not pass k. If it is all sky, the other
+                 objects are estimated: 5 objects in all, and at least 2 of them not sky. It is
+                 taken as the camera shows it: it shifts with the wavelengths if the sky's ozone
+                 shows that, but no other shift, gain, offset or air is looked for, only whether
+                 it is kelvins off. If you know its error, pass environment.off_by(kelvin)
     seed         of the K-means
-    calibration_error_k  one standard deviation, K at 300 K, by which all radiance may be off
-                 together, in offset or gain, beyond what the cube shows:
-                 temperature_sigma_k holds it if stated
-    model        run(radiance, known, progress, expected, regions) -> maps by net+sgd, such as
-                 export.Runtime(FILE).run; net needs one that takes refined=False, too, as
-                 learned.torch_model(network) does; the shipped network if None, in ONNX Runtime
-                 or, for net, in torch, on all cores (OMP_NUM_THREADS). Called in several threads at
-                 a time only if it is the method of an object that has, as that Runtime, an
-                 attribute at_once: in so many
+    calibration_error_k  one standard deviation, K at 300 K, of an offset or gain error common to
+                 all radiance, beyond what the cube shows; temperature_sigma_k includes it
+    model        run(radiance, known, progress, expected, regions) -> maps for net+sgd, such as
+                 export.Runtime(FILE).run; for net it must also take refined=False, as
+                 learned.torch_model(network) does. If None, the shipped network, in ONNX Runtime
+                 or, for net, in torch, on all cores (OMP_NUM_THREADS). It is called from several
+                 threads at once only if it is a method of an object with an attribute at_once,
+                 the number of threads, as Runtime has
     progress     called as progress(done, total, what)
 
-    Raises InputError where the library does not cover the bands, or an argument is wrong.
+    Raises InputError if the library does not cover the bands, or an argument is wrong.
     """
     _check(cube, library, environment, method, k, seed, calibration_error_k, model)
     library, lap = library or MaterialLibrary.starter(), Laps()
@@ -101,8 +99,8 @@ def decompose(
 
 
 def method_of(method, library, model=None, progress=None):
-    """The Method of that name, which answers pixels by a MaterialLibrary; model and progress as
-    `decompose` takes them."""
+    """The Method of that name, solving pixels with a MaterialLibrary; model and progress as in
+    `decompose`."""
 
     def report(what):
         return (lambda done, total: progress(done, total, what)) if progress else None
@@ -116,8 +114,8 @@ def method_of(method, library, model=None, progress=None):
 
 @cache
 def shipped_model(method):
-    """The network that comes with the package, as `decompose` takes one, loaded once, with what
-    memory it keeps: net+sgd in ONNX Runtime, net in torch."""
+    """The network that comes with the package, as `decompose` takes one. It is loaded once and
+    keeps its memory: net+sgd in ONNX Runtime, net in torch."""
     if method == "net":
         from .learned import torch_model  # torch takes a second to load
 
@@ -128,11 +126,11 @@ def shipped_model(method):
 
 
 def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None):
-    """The Decomposition of a cube whose Circumstances were found by the same MaterialLibrary and by
-    this Method or one that looks alike, as local and sgd do, and net and net+sgd.
+    """The Decomposition of a cube from its Circumstances, found with the same MaterialLibrary and
+    with this Method or one with the same looks: local and sgd share theirs, as do net and net+sgd.
 
-    calibration_error_k, progress  as `decompose` takes them
-    lap  Laps, whose seconds are the answer's; new ones if None
+    calibration_error_k, progress  as in `decompose`
+    lap  Laps whose seconds the answer takes; new ones if None
     """
     lap = lap or Laps()
     cold, is_hot, hot_radiance = split_hot(of.cube)
@@ -171,13 +169,13 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
 
 
 def _with_scene_errors(maps, library, of, calibration_error_k):
-    """maps by a method, with what edges, the calibration, as stated and as found in the
-    Circumstances, and pixels that tell nothing add to sigma and unknown."""
+    """A method's maps, with sigma and unknown extended by edges, the calibration error, stated and
+    found in the Circumstances, and pixels without information."""
     cube, found = of.cube, of.found
     sigma, t = maps["temperature_sigma_k"], maps["temperature_k"]
     sigma = sigma_among_neighbours(sigma, t, maps["material"])
     sigma = with_level_error(sigma, maps, library, cube, found.curves)
-    # an error of the radiance as it came, of which air and a gain were taken
+    # stated for the radiance as measured, before air and a gain were corrected
     stated_k = calibration_error_k * cube.netd_k / (found.noise * of.ready.cube.netd_k)
     shared_k = float(np.hypot(stated_k, shared_error_k(found, cube)))
     if shared_k:
@@ -197,7 +195,7 @@ def _with_scene_errors(maps, library, of, calibration_error_k):
 
 
 def _check(cube, library, environment, method, k, seed, calibration_error_k, model):
-    """Raise InputError where an argument of decompose is wrong."""
+    """Raise InputError if an argument of decompose is wrong."""
     if not isinstance(cube, HeatCube):
         raise InputError(
             f"decompose: cube must be a HeatCube, as texnet.read_cube reads one, got "

@@ -1,5 +1,5 @@
-"""Progress on a terminal: report(done, total, what) drawn as one bar on stderr; and how long stages
-took."""
+"""Progress on a terminal: report(done, total, what) drawn as one bar on stderr; and the duration of
+stages."""
 
 import sys
 import time
@@ -9,7 +9,7 @@ COMPILING = "compiling, for the first time only"
 
 
 class Laps:
-    """seconds is {stage: s}, of which each call adds those since the last, or since the first."""
+    """seconds is {stage: s}; each call adds the time since the previous one, or since creation."""
 
     def __init__(self):
         self.seconds, self._clock = {}, time.perf_counter()
@@ -22,7 +22,7 @@ class Laps:
 
 @contextmanager
 def compiling(report):
-    """Report COMPILING where numba does so, which takes half a minute before it is kept on disk."""
+    """Report COMPILING while numba compiles, which takes half a minute before it is cached."""
     if report is None:
         yield
         return

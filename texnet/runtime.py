@@ -1,7 +1,7 @@
-"""Answers from a texnet ONNX file by numpy and onnxruntime alone, in bounded memory.
+"""Answers from a texnet ONNX file with numpy and onnxruntime alone, in bounded memory.
 
-A pixel takes some 2 kB on the way (`physics.known`), so an image is answered tile by
-tile, several at once: each by one thread, which wastes less than many threads on one tile.
+A pixel needs some 2 kB of working memory (`physics.known`), so an image is answered tile by tile,
+several at once, with one thread each, which wastes less than many threads on one tile.
 """
 
 import json
@@ -20,22 +20,21 @@ from .by_tiles import by_tiles
 from .methods import ONNX
 
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
-FORMAT = "7"  # of the file: another whenever the same weights answer otherwise, or more
+FORMAT = "7"  # of the file; changes whenever the same weights answer differently, or more
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
 class Runtime:
     """A texnet ONNX file, ready to answer.
 
-    path     as `texnet export` wrote it; keeps the memory that its tiles take, half of TILE_BYTES
-             each
-    threads  tiles at once, in however many threads it runs; if None, as many as there are cores,
-             or OMP_NUM_THREADS, and at most MOST_AT_ONCE
+    path     as written by `texnet export`; each tile keeps the memory it used, half of TILE_BYTES
+    threads  tiles at once, whatever the number of calling threads; if None, the number of cores, or
+             OMP_NUM_THREADS, and at most MOST_AT_ONCE
 
-    at_once is how many tiles that is. about is the file's metadata, JSON parsed: format,
-    texnet_version, history (how the weights came about), meaning (of inputs and outputs), library
-    (the starter library, as a library file), halo_px (how far a pixel's answer looks around
-    itself), cell_px (a tile begins at a multiple of it), limits (the least that sizes may be).
+    at_once is that number of tiles. about is the file's metadata, with JSON parsed: format,
+    texnet_version, history (the origin of the weights), meaning (of inputs and outputs), library
+    (the starter library, as a library file), halo_px (how far around it a pixel's answer depends on
+    the image), cell_px (tiles begin at multiples of it), limits (least sizes).
 
     Raises InputError if path cannot be read or is not a texnet ONNX file of this FORMAT.
     """
@@ -46,10 +45,10 @@ class Runtime:
         self.at_once = threads or min(usual_threads(), MOST_AT_ONCE)
         self._slots = BoundedSemaphore(self.at_once)
         options.intra_op_num_threads = 1
-        options.log_severity_level = 3  # errors, which it raises too
-        # export left nothing to simplify: to look for it would take most of a second
+        options.log_severity_level = 3  # errors, which are raised too
+        # export leaves nothing to simplify, and looking for it would take most of a second
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-        options.enable_mem_pattern = False  # it would take a third more, as tiles differ in size
+        options.enable_mem_pattern = False  # a third more memory, as tiles differ in size
         try:
             with open(path, "rb") as file:
                 content = file.read()
@@ -59,7 +58,7 @@ class Runtime:
             self._session = onnxruntime.InferenceSession(
                 content, options, providers=["CPUExecutionProvider"]
             )
-        except Exception as e:  # onnxruntime's own have no other base
+        except Exception as e:  # onnxruntime's exceptions have no other common base
             raise InputError(f"model: cannot read {path}: {BROKEN}.") from e
         about = self._session.get_modelmeta().custom_metadata_map
         try:
@@ -70,7 +69,7 @@ class Runtime:
             raise InputError(f"model: {path} is of another texnet; export its weights again.")
 
     def run(self, radiance, known, progress=None, expected=None, regions=None):
-        """Answer a cube -> dict of maps (..., height, width) by name, see about["meaning"].
+        """Answer a cube -> dict of maps (..., height, width) by name; see about["meaning"].
 
         radiance  (bands, height, width) W m-2 sr-1 um-1
         known     dict of arrays as `physics.known.known_arrays` makes it
@@ -78,11 +77,11 @@ class Runtime:
         expected  physics.expected.Expected of the materials, or None
         regions   physics.expected.Regions of the picture, or None: all materials everywhere
 
-        material is int16, unknown bool, the others float32. Raises InputError where sizes do
-        not agree or are too small, and as `physics.hypotheses.set_up` does.
+        material is int16, unknown bool, the others float32. Raises InputError if sizes do not agree
+        or are too small, and as `physics.hypotheses.set_up` does.
         """
         given = {name: np.ascontiguousarray(a, np.float32) for name, a in known.items()}
-        given["radiance"] = np.asarray(radiance, np.float32)  # of whatever order: no copy of it all
+        given["radiance"] = np.asarray(radiance, np.float32)  # in any order: avoids a full copy
         self._check(given)
         return by_tiles(
             self._answer, given.pop("radiance"), given, expected, regions,

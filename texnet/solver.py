@@ -1,4 +1,4 @@
-"""local and sgd: every pixel and material exactly, and the semi-global refinement of that."""
+"""local and sgd: exact solutions per pixel and material, and their semi-global refinement."""
 
 from dataclasses import replace
 
@@ -26,17 +26,17 @@ from .uncertainty import (
     smooth_trust,
 )
 
-FEW = 4000  # pixels, for which other threads than the caller's are not worth starting
-# of what is far hotter than the rest, K: how far below its looks T may be, and above, and its prior
+FEW = 4000  # pixels, for which starting more threads is not worthwhile
+# for pixels far hotter than the rest, K: T's limits below and above what they show, and its prior
 BELOW_K, ABOVE_K, HOT_SPREAD_K = 40.0, 900.0, 150.0
-HOPELESS_ALONE = 15.0  # nats; by more, no tuning scene was answered better
-BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # of a pixel's answer, about
+HOPELESS_ALONE = 15.0  # nats; a larger limit improved no tuning scene
+BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # per pixel of an answer, about
 
 
 def solve_each(cube, library, environment, regions=None, progress=None):
-    """Maps of a Decomposition by name: every pixel of a HeatCube by itself, tile by tile.
+    """Maps of a Decomposition by name: each pixel of a HeatCube on its own, tile by tile.
 
-    regions   physics.expected.Regions, whose materials alone are looked for; of all if None
+    regions   physics.expected.Regions that restrict the materials; None: all everywhere
     progress  called as progress(done, total)
     """
     model = _compiled(cube, library, environment)
@@ -46,7 +46,7 @@ def solve_each(cube, library, environment, regions=None, progress=None):
 
 
 def solve_smooth(cube, library, environment, report, lap):
-    """The same, and "objective", with smoothness of T and m, which needs the whole cube at once.
+    """The same plus "objective", with T and m smoothed, which needs the whole cube at once.
 
     report   report(what) gives a progress(done, total) or None
     lap      lap(stage) is called after each stage
@@ -65,16 +65,16 @@ def solve_smooth(cube, library, environment, report, lap):
 
 
 def _compiled(cube, library, environment):
-    """The ReducedModel, after the solver was compiled, here, where that can be interrupted."""
+    """The ReducedModel, with the solver compiled here, where that can be interrupted."""
     model = reduce_model(cube, library, environment)
     solve_local(model, cube.pixels([0]), threads=1)
     return model
 
 
 def solve_hot(cube, radiance, library, environment):
-    """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, of
-    radiance (bands, n), as `physics.cube.hot` parts them."""
-    # most of it is of the curves, whatever the bands' own noise and the air before the camera
+    """Maps (..., n) by local of the n pixels of a HeatCube that are far hotter than the rest, with
+    radiance (bands, n), as split off by `physics.cube.hot`."""
+    # most of their error comes from the curves, whatever the bands' noise and the air
     noisy = replace(cube, netd_k=hot.netd_k(cube, radiance), relative_noise=None, quiet=None)
     model = reduce_model(noisy, library, environment, _of_hot(cube.wavelength_um, radiance))
     with no_blas_threads():
@@ -83,7 +83,7 @@ def solve_hot(cube, radiance, library, environment):
 
 
 def _of_hot(wavelength_um, hot):
-    """The Temperatures of hot (bands, n): bare metal is hundreds of kelvin hotter than it looks."""
+    """Temperatures for hot (bands, n): bare metal is hundreds of kelvin hotter than it looks."""
     t = brightness_temperature(wavelength_um[:, None], hot)
     low, usual = float(t.mean(axis=0).min()) - BELOW_K, float(np.median(t.max(axis=0)))
     high = float(t.max()) + ABOVE_K
@@ -91,7 +91,7 @@ def _of_hot(wavelength_um, hot):
 
 
 def _by_tiles(model, radiance, threads, regions=None, progress=None):
-    """Maps of radiance (bands, height, width), each pixel by itself."""
+    """Maps of radiance (bands, height, width), each pixel on its own."""
     bands = len(radiance)
 
     def tile(part, _, corner):
@@ -107,7 +107,7 @@ def _by_tiles(model, radiance, threads, regions=None, progress=None):
 
 
 def _temperature_at_sky(spectra, model, local, state, sky, other, trust):
-    """T and its sigma, K, of sky pixels: of what stands before the sky, if any, or the air's."""
+    """T and its sigma, K, of sky pixels: of what stands before the sky, if anything, or the air."""
     energy, at = local.energy[sky], model.library.sky_index
     of_sky = energy[:, at].copy()
     energy[:, at] = np.inf
@@ -120,13 +120,13 @@ def _temperature_at_sky(spectra, model, local, state, sky, other, trust):
     t = each[p, best]
     sigma = _sigma(each, sigmas, solid, t, sigmas[p, best], 1.0, other)
     air = brightness_temperature(model.wavelength_um.astype(np.float32), spectra[sky][~rim])
-    t[~rim], sigma[~rim] = air.max(axis=1), AIR_SIGMA_K  # as warm as its opaque bands look
+    t[~rim], sigma[~rim] = air.max(axis=1), AIR_SIGMA_K  # the temperature its opaque bands show
     return t, sigma
 
 
 def _maps(radiance, model, local, answer, trust, threads):
-    """Maps by name of radiance (bands, height, width), of what `physics.exact` made of it, of
-    which log evidence counts trust times."""
+    """Maps by name of radiance (bands, height, width) from the results of `physics.exact`, with log
+    evidence weighted by trust."""
     state, library = answer.state, model.library
     probability = answer.probability**trust
     probability /= probability.sum(axis=1, keepdims=True)
@@ -157,29 +157,29 @@ def _maps(radiance, model, local, answer, trust, threads):
         "log_evidence": as_map(_log_evidence(local.energy)),
         "temperature_sigma_k": as_map(sigma),
         "material_probability": as_map(probability.T),
-        "unknown": as_map(~known, bool),  # so that what is no number is unknown
+        "unknown": as_map(~known, bool),  # so that NaN is unknown
     }
 
 
 def _log_evidence(energy):
-    """(P,) of all materials together, of energy (P, L)."""
-    least = np.minimum(energy.min(axis=1), np.finfo(np.float32).max)  # where nothing can be
+    """(P,) of all materials together, from energy (P, L)."""
+    least = np.minimum(energy.min(axis=1), np.finfo(np.float32).max)  # where nothing is possible
     with np.errstate(divide="ignore"):
         return np.log(np.exp(least[:, None] - energy).sum(axis=1)) - least
 
 
 def _sigma(each_k, sigmas_k, probability, temperature_k, own_k, residual, other):
-    """(P,) sigma of T, K: its own_k or, if more, that among all materials' (P, L) each_k and
-    sigmas_k, times a misfit beyond the noise (Birge's ratio); and what others than the library's
-    would say, with the chance (P,) of one."""
+    """(P,) sigma of T, K: own_k or, if larger, that over all materials' each_k and sigmas_k (P, L),
+    times a misfit beyond the noise (Birge's ratio); plus OTHER_K for materials outside the library,
+    weighted by other (P,)."""
     variance = (probability * (sigmas_k**2 + (each_k - temperature_k[:, None]) ** 2)).sum(1)
     variance = np.maximum(variance, own_k**2) * np.maximum(residual, 1) ** 2
     return np.sqrt(variance + OTHER_K**2 * other)
 
 
 def _known(local, state, probability, trust):
-    """(P,) bool: where the answer is likely enough, and not its neighbours' alone against the
-    pixel's own evidence."""
+    """(P,) bool: where the answer is likely enough, and not only because of the neighbours, against
+    the pixel's own evidence."""
     p, materials = np.arange(len(state.material)), local.energy.shape[1]
     own = np.exp(trust * (local.energy.min(axis=1, keepdims=True) - local.energy))
     own = own[p, state.material] / own.sum(axis=1)

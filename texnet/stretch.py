@@ -2,7 +2,7 @@
 
 import numpy as np
 
-ROUNDING = 1e-6  # of float32: no contrast
+ROUNDING = 1e-6  # of float32; below it there is no contrast
 
 
 def stretch(picture, mask=None, low=1.0, high=99.0):
@@ -10,8 +10,8 @@ def stretch(picture, mask=None, low=1.0, high=99.0):
 
     mask  (height, width) bool: the pixels that set the percentiles; None: all
 
-    Values beyond are clipped. Where both percentiles are the same, the least and the largest take
-    their place; a constant picture becomes 0.5: it has no contrast to show.
+    Values beyond are clipped. If both percentiles are equal, the least and the largest value take
+    their place; a constant picture has no contrast to show and becomes 0.5.
     Returns float64 of the same shape.
     """
     picture = np.asarray(picture, dtype=np.float64)

@@ -1,8 +1,8 @@
-"""The light X on a pixel whose hypothesis, T and V are known, and what that leaves unexplained.
+"""The light X on a pixel whose hypothesis, T and V are known, and what stays unexplained.
 
-X = V S + D, D being the deviation of the surroundings from the k objects that the rest of the
-pixel's spectrum speaks for, and the sky-lit texture is the sky's part of it
-(`physics.exact.distill`). What Eq. 1 then leaves of the spectrum says how far to trust T.
+X = V S + D, where D is the deviation of the surroundings from the k objects that the pixel's
+spectrum calls for; the sky-lit texture is the sky's part of X (`physics.exact.distill`). What Eq. 1
+then leaves of the spectrum says how far to trust T.
 """
 
 from typing import NamedTuple
@@ -20,9 +20,9 @@ from .uncertainty import AIR_SIGMA_K, NET_OTHER_K, fits
 
 
 class Chosen(NamedTuple):
-    """Of P pixels, P the last axis everywhere: row (P,) of the hypothesis and its x^ (r, P); t
-    (P,) in prior deviations and its variance (P,) K^2; lighting V (k, P); probability (P,) of the
-    material; empty (P,) where nothing stands before the sky; likely (P,) where the material is."""
+    """For P pixels, always the last axis: row (P,) of the hypothesis and its x^ (r, P); t (P,) in
+    prior deviations and its variance (P,) K^2; lighting V (k, P); probability (P,) of the material;
+    empty (P,) where nothing stands before the sky; likely (P,) where the material is likely."""
 
     row: torch.Tensor
     x: torch.Tensor
@@ -36,8 +36,8 @@ class Chosen(NamedTuple):
 
 def textured(known: Known, h: Hypotheses, spectra, air, *chosen):
     """temperature_k, temperature_sigma_k, thermal_lighting, texture, sky_texture, residual and
-    unknown, as `model.TeX` has them, of spectra (bands, P) that look as warm as air (P,) in their
-    opaque bands, and of what is Chosen for them."""
+    unknown, as in `model.TeX`, of spectra (bands, P), with air (P,) the brightness temperature of
+    their opaque bands, K, and the fields of Chosen."""
     c = Chosen(*chosen)
     temperature = known.prior_k[0] + known.prior_k[1] * c.t
     temperature = torch.where(c.empty, air, temperature)
@@ -48,7 +48,7 @@ def textured(known: Known, h: Hypotheses, spectra, air, *chosen):
     variance = c.variance * misfit.clamp(min=1) ** 2
     variance = variance + NET_OTHER_K**2 * (1 - c.probability).clamp(min=0)
     sigma = torch.where(c.empty, AIR_SIGMA_K, variance.sqrt())
-    # so written that NaN counts as unknown
+    # written so that NaN counts as unknown
     explained = fits(misfit, known.sigma.shape[0]) | c.empty
     unknown = ~(explained & c.likely & (temperature > 0))
     visible = (~c.empty).float()
@@ -57,10 +57,10 @@ def textured(known: Known, h: Hypotheses, spectra, air, *chosen):
 
 
 def _texture(known, h, spectra, c, temperature, off):
-    """X (bands, P), its sky-lit band mean and the residual (P,) of what is Chosen, with deviations
+    """X (bands, P), its sky-lit band mean and the residual (P,) for Chosen pixels with deviations
     off (q - r, P)."""
     hot, materials = one_hot(c.row, h.sky_share.shape[0]), known.is_sky.shape[0]
-    # sky glows as if it were black
+    # sky emits like a black body
     e = known.emissivity + (1 - known.emissivity) * known.is_sky[:, None, None]
     e = of_rows(e, one_hot(material_of(c.row, materials), materials))
     share = of_rows(h.sky_share, hot)

@@ -1,8 +1,8 @@
 """When an answer should not be trusted, and what is said where only sky is seen.
 
-Found on 24 random scenes of no split, in 4, 9, 18 and 54 bands, whole libraries and libraries that
-lack one of the scene's three commonest materials, so that of such a material's pixels 90 % are
-unknown or have a sigma that covers the error, and few others are unknown.
+Tuned on 24 random scenes outside all splits, with 4, 9, 18 and 54 bands, and with libraries that
+are complete or lack one of the scene's three commonest materials, so that 90 % of the pixels of
+such a material are unknown or have a sigma that covers the error, and few others are unknown.
 """
 
 import numpy as np
@@ -13,42 +13,42 @@ from physics.planck import noise_sigma, planck, planck_and_derivative, planck_de
 from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 CHI2_SIGMAS = 8.0  # beyond which nothing in the library fits
-# of the answer, below which it is unknown. Of what a network says is 0.3 to 0.5 likely 40 to 67 %
-# is right with 54 bands, but with fewer than FEW_BANDS (3 to 18 were tried) 7 to 53 %
+# probability of the answer below which it is unknown. Of network answers with probability 0.3 to
+# 0.5, 40 to 67 % are right with 54 bands, but 7 to 53 % with fewer than FEW_BANDS (3 to 18 tried)
 LIKELY, NET_LIKELY, FEW_BANDS = 0.5, 0.3, 20
-SURE = 0.7  # likewise where what is wrong was called noise, of which probabilities know too little
-# or where curves are off by so much, or the optical depth of air; in between where by less
+SURE = 0.7  # the same where errors were taken for noise, which probabilities do not fully reflect,
+# or where curves or the air's optical depth are off by this much; proportionally less below it
 CURVES_OFF, AIR_OFF = 0.01, 0.8
-OWN_PROBABILITY = 0.02  # of the answer from the pixel's own evidence, below which it is unknown
-EVEN = 2.0  # likewise in local and sgd, times what each material has of a pixel that says nothing
-# What a model leaves out, it leaves out in many bands at once, and in neighbours alike: in local
-# and sgd log evidence of n bands counts only this times n^-1/2, so that answers are right about as
-# often as their probability says; in local at most once; in sgd, whose neighbours share what few
-# bands leave in doubt, at most so much times n^2 (a limit below four bands)
+OWN_PROBABILITY = 0.02  # the same of the answer's probability from the pixel's own evidence
+EVEN = 2.0  # the same in local and sgd, as a multiple of a uniform probability
+# A model's errors are shared by many bands and by neighbours: in local and sgd log evidence of n
+# bands is weighted by this times n^-1/2, so that answers are right about as often as their
+# probability says; in local at most by 1; in sgd, whose neighbours share what few bands leave in
+# doubt, at most by the last times n^2 (which limits it below four bands)
 LOCAL_TRUST, SGD_TRUST, SGD_TRUST_OF_FEW = 2.0, 1.2, 0.06
-# error of T beyond what the library's other materials say, if the material is wrong: added in
-# quadrature, weighted by the chance of that; a network's probabilities, which hold what `glance`
-# expects, leave out more of it
+# error of T if the material is wrong, beyond what the library's other materials imply: added in
+# quadrature, weighted by the probability of that; larger for networks, whose probabilities, which
+# include what `glance` expects, leave out more of it
 OTHER_K, NET_OTHER_K = 1.3, 2.0
-# in local and sgd, times the error of curves that is found, which is mostly half of the true one
-# (twice as much names fewer wrong, but T of a scene of mirrors was 7 instead of 1.4 K off)
+# in local and sgd, factor on the curve error found, which is mostly half the true one (a factor 2
+# names fewer wrong, but in a scene of mirrors T was then 7 instead of 1.4 K off)
 OWN_CURVES = 1.5
 AIR_SIGMA_K = 5.0  # of the air's temperature from the sky's brightness
 RIM_NATS = 10.0  # evidence for pure sky below which something may stand before it
-# sigma's least share of how T scatters over a pixel and its eight neighbours: a pixel on an edge
-# mixes what lies on both sides, which the model does not know (it knows of sky behind a rim); more
-# where the neighbours are of other materials
+# least ratio of sigma to the scatter of T over a pixel and its eight neighbours: a pixel on an edge
+# mixes both sides, which the model does not know (except for sky behind a rim); larger where the
+# neighbours are of other materials
 SCATTER, SCATTER_OF_MATERIALS = 0.1, 0.5
-# what a calibration that was found may still be off by, at 300 K, as a share of bands' gains, and
-# of an offset (the most that those of 3 to 15 K were off by in scenes used for tuning)
+# remaining error of a calibration that was found, at 300 K, and as a share of bands' gains and of
+# an offset (the largest for offsets of 3 to 15 K in scenes used for tuning)
 FOUND_K, SHARE, OFFSET_SHARE = 0.25, 0.7, 0.08
 ROWS = 256  # at once
 LEAST_E = 0.02  # mean emissivity; below it T is not known anyway
-GRID_K = 0.5  # of T, between which the slope of Planck's law is taken to be a straight line
+GRID_K = 0.5  # spacing of T for interpolating the slope of Planck's law
 
 
 def local_trust(bands):
-    """What log evidence of so many bands counts in local."""
+    """Weight of log evidence of so many bands in local."""
     return min(LOCAL_TRUST * bands**-0.5, 1.0)
 
 
@@ -58,15 +58,15 @@ def smooth_trust(bands):
 
 
 def fits(residual, bands):
-    """Whether something in the library explains pixels of a residual, an array or tensor in noise
-    units: chi^2 is not far beyond its spread. Not where it is no number."""
+    """Whether the library explains pixels with this residual, an array or tensor in noise units:
+    chi^2 is not far beyond its spread. False for NaN."""
     return residual**2 <= 1 + CHI2_SIGMAS * (2 / bands) ** 0.5
 
 
 def unreliable(maps, c, bands):
-    """Which pixels (height, width) of maps by name are unknown because of so few bands, or of what
-    a Calibration says of noise, curves and air: what fits clearly worse than the pixels that fit
-    best, though not for noise, or is not likely enough."""
+    """Which pixels (height, width) of maps by name are unknown because of few bands, or of what a
+    Calibration says of noise, curves and air: those that fit clearly worse than the best-fitting
+    pixels, beyond noise, or are not likely enough."""
     out = scratch.zeros(maps["material"].shape, bool)
     off = max(c.noise - 1, c.curves / CURVES_OFF, c.air_error / AIR_OFF)
     least = SURE * min(off, 1.0)  # no step
@@ -83,7 +83,7 @@ def unreliable(maps, c, bands):
 
 
 def sigma_among_neighbours(sigma, temperature, material):
-    """sigma (height, width) K of a map of T, K, and material, with the doubt that edges add."""
+    """sigma (height, width) K of maps of T, K, and material, with the doubt added by edges."""
     out = scratch.zeros(sigma.shape, np.float32)
     height = len(sigma)
     for top in range(0, height, ROWS):
@@ -92,7 +92,7 @@ def sigma_among_neighbours(sigma, temperature, material):
         pad = ((above - top + 1, bottom + 1 - below), (1, 1))
         t, m = (np.pad(a[above:below], pad, mode="edge") for a in (temperature, material))
         good = t[np.isfinite(t)]
-        if good.size:  # small, so that its squares are precise enough
+        if good.size:  # keeps T small, so that its squares are precise enough
             t = t - good.mean(dtype=np.float64)
         mean = _over_nine(np.add, t) / 9
         variance = np.maximum(_over_nine(np.add, t * t) / 9 - mean**2, 0)
@@ -103,8 +103,8 @@ def sigma_among_neighbours(sigma, temperature, material):
 
 
 def shared_error_k(c, cube):
-    """By how much the radiance of a corrected cube may still be off in all pixels together, K at
-    300 K: by what fitted nothing, and a share of what bands and offset were corrected by."""
+    """Possible remaining radiance error of a corrected cube, common to all pixels, K at 300 K: what
+    fitted nothing, and a share of the corrections of bands and offset."""
     unfit = c.shared * cube.netd_k / c.noise
     if c.keeps_radiance:
         return unfit
@@ -115,11 +115,11 @@ def shared_error_k(c, cube):
 
 
 def with_calibration_error(sigma, temperature, wavelength_um, error_k, emissivity=None):
-    """sigma (height, width) K of a map of T, K, where all radiance may be off by error_k, K at
-    300 K, be that an offset or a gain: what moves T more, which below 300 K is an offset. Light
-    that is reflected was measured by the same camera: T moves as much whatever the emissivity;
-    unless it was given, of surfaces of an emissivity (height, width), mean of the bands: by Eq. 1 T
-    then moves by 1 / e as much, though no more than is known of it beforehand.
+    """sigma (height, width) K of a map of T, K, if all radiance may be off by error_k, K at 300 K,
+    as an offset or as a gain, whichever moves T more (below 300 K an offset). Reflected light was
+    measured by the same camera, so T moves by the same amount for any emissivity. If the light was
+    given instead, pass emissivity (height, width), the band mean: by Eq. 1 T then moves by 1 / e as
+    much, though by no more than its prior uncertainty.
     """
     if not np.isfinite(temperature).any():
         return sigma
@@ -139,15 +139,14 @@ def with_calibration_error(sigma, temperature, wavelength_um, error_k, emissivit
 
 
 def with_level_error(sigma, maps, library, cube, curve_error=0.0):
-    """sigma (height, width) K of a map of T, of maps by name, where a material's whole curve may be
-    off by the MaterialLibrary's level_sigma, and by what all curves are taken to be: by Eq. 7 that
-    moves T by -de (B - X) / (e B'), though by no more than is known of a scene's T beforehand. Of
-    sky it moves none."""
+    """sigma (height, width) K of T in maps by name, if a material's whole curve may be off by the
+    MaterialLibrary's level_sigma, and all curves by curve_error: by Eq. 7 that moves T by
+    -de (B - X) / (e B'), though by no more than its prior uncertainty in a scene. Sky is exempt."""
     level = np.where(library.is_sky, 0.0, np.hypot(library.level_sigma, curve_error))
     if not level.any():
         return sigma
     level, curves = level.astype(np.float32), library.of_bands(cube.nodes_um).astype(np.float32)
-    # of Python's numbers, which leave float32 what it is
+    # Python floats, which keep float32 arrays float32
     bands = list(zip(cube.wavelength_um.tolist(), cube.sigma.tolist(), strict=True))
     out = scratch.zeros(sigma.shape, np.float32)
 
@@ -170,6 +169,6 @@ def with_level_error(sigma, maps, library, cube, curve_error=0.0):
 
 
 def _over_nine(of, padded):
-    """(height, width) of (height + 2, width + 2): of every pixel and its neighbours."""
+    """(height, width) of (height + 2, width + 2): of applied to each pixel and its neighbours."""
     rows = of(of(padded[:-2], padded[1:-1]), padded[2:])
     return of(of(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

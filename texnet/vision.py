@@ -1,8 +1,7 @@
 """TeX vision: a night scene that reads like daylight.
 
-Hue is the material, saturation the temperature, value (brightness) the texture that the
-sky alone lights, as the paper's Sec. 3 has it. Colours mean materials; they are no
-pseudo-colours.
+Hue is the material, saturation the temperature, and value (brightness) the texture lit by the sky
+alone, as in the paper's Sec. 3. Colours denote materials; they are not pseudo-colours.
 """
 
 import numpy as np
@@ -27,8 +26,8 @@ def tex_vision(decomposition: Decomposition) -> np.ndarray:
     saturation  temperature, 2nd to 98th percentile of the non-sky pixels -> 0.25..0.75
     value       sky-lit texture, 1st to 99th percentile of the same -> 0.15..1, gamma 0.8
 
-    The sky is evenly pale and bright: what an answer holds there is of what may stand before it.
-    Areas in which nothing was measured are black. Raises InputError for what is none.
+    The sky is uniformly pale and bright: its maps describe what may stand before it. Areas in which
+    nothing was measured are black. Raises InputError if decomposition is not a Decomposition.
     """
     check_decomposition(decomposition)
     d = decomposition

@@ -1,21 +1,21 @@
-"""What the network learns from without truth: crops of somebody's own cubes.
+"""What the network learns from without truth: crops of a user's own cubes.
 
-What fits is no teacher. Where a pixel is of several materials, or a curve is a little off, another
-material than the right one fits, in all bands alike, and training has taught the network how little
-that means: by the misfit of Eq. 1, with whatever curve, or by the likelihood of bands that it was
-not shown, it would learn to believe it again. So it learns from what `decompose` answers, as sure
-as that is, to whole spectra, with a glance at all of the cube: to see as much in half of the bands,
-half of the time without a glance. What that takes is to know how the materials there look, and
-which of them lie side by side.
+A good fit is no teacher. If a pixel contains several materials, or a curve is a little off, a wrong
+material fits better than the right one, in all bands alike, and training has taught the network how
+little that means. The misfit of Eq. 1, with any curve, or the likelihood of bands that it was not
+shown, would teach it to believe the fit again. So it learns from what `decompose` answers to whole
+spectra with a glance at the whole cube, with that answer's probabilities: to see as much in half of
+the bands, half of the time without a glance. That takes knowledge of how the materials there look,
+and which of them lie side by side.
 
-On 64 x 96 pixels of 18 bands, `forest` and `street` of seed 11, of them and of the next two seeds'
-`net+sgd` named as many right (by 0.2 points) to 1.5 points more, by two seeds of the draws; by the
-misfit of Eq. 1 1.0 to 3.6 fewer; by bands not shown 5.7 fewer to 0.2 more; of all bands instead of
-half of them 1.8 fewer to 0.4 more.
+With 64 x 96 pixels of 18 bands, `forest` and `street` of seed 11, `net+sgd` named as many pixels
+right (to 0.2 points) to 1.5 points more, in these and in the next two seeds, for two seeds of the
+draws; with the misfit of Eq. 1 1.0 to 3.6 fewer; with bands not shown 5.7 fewer to 0.2 more; with
+all bands instead of half of them 1.8 fewer to 0.4 more.
 
-The environment is estimated from the whole cube, once for each number of objects, each of which
-sees another half of the bands; a draw takes one of them and a random crop, most of which was
-measured, if that is easily found.
+The environment is estimated from the whole cube, once for each number of objects, each time with
+another half of the bands; a draw takes one of them and a random crop, most of which was measured,
+if one is easily found.
 """
 
 from dataclasses import replace
@@ -40,14 +40,14 @@ from texnet.pipeline import Decomposition
 
 from .samples import BANDS, OBJECTS, Glance, Sample, features
 
-TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; of a crop's pixels
+TRIES, MOST_DEAD = 50, 0.1  # crops to choose from; dead share of a crop's pixels
 
 
 class CalibratedCube(NamedTuple):
     """A HeatCube, prepared (`physics.cube.prepared`), and what is answered to it as `learned`; the
-    Atmosphere of a sky that is assumed over it, if one is; by how much all of the library's curves
-    may be off (`Environment.with_curves_off_by`); and (height, width) bool, the dead ones if None:
-    pixels that say nothing of what lights them."""
+    Atmosphere of an assumed sky, if any; by how much all curves of the library may be off
+    (`Environment.with_curves_off_by`); and (height, width) bool, pixels that say nothing of what
+    lights them; the dead ones if None."""
 
     cube: HeatCube
     answer: Decomposition
@@ -57,8 +57,8 @@ class CalibratedCube(NamedTuple):
 
 
 class View(NamedTuple):
-    """What is known of a HeatCube of which some bands are seen, (bands,) bool: its Known, and a
-    Glance's scene, as numpy arrays by name, radiance and step."""
+    """What is known of a HeatCube of which only some bands, (bands,) bool, are seen: its Known, and
+    a Glance's scene, as numpy arrays by name, radiance and step."""
 
     seen: np.ndarray
     known: dict[str, np.ndarray]
@@ -68,16 +68,16 @@ class View(NamedTuple):
 
 
 class Crops(Dataset):
-    """Draw number i of some CalibratedCubes, each in its turn: a Sample, in which the answer stands
-    for the truth, and its Stem, of at most side x side pixels. A material is drawn by its
-    probability, so that what was in doubt remains so.
+    """Draw number i from some CalibratedCubes in turn: a Sample, with the answer as its truth, and
+    its Stem, of at most side x side pixels. A material is drawn by its probability, so that what
+    was in doubt remains so.
 
-    Raises InputError where the library does not cover a cube's bands, or these are too few.
+    Raises InputError if the library does not cover a cube's bands, or these are too few.
     """
 
     def __init__(self, taken, library, seed, side):
         self.seed, self.side, self.cubes = seed, side, []
-        self.stream = 2  # of random numbers
+        self.stream = 2  # number of the random stream
         for number, (cube, answer, air, off, left_out) in enumerate(taken):
             if cube.bands <= BANDS[0]:
                 raise InputError(
@@ -98,7 +98,7 @@ class Crops(Dataset):
                 lit[list(answer.sky)].sum(0)[None], answer.temperature_k[None],
                 non_sky(answer)[None],
             )  # fmt: skip
-            # one tensor a cube: worker processes share each by an open file
+            # one tensor per cube: worker processes share each through an open file
             together = torch.from_numpy(np.concatenate(maps).astype(np.float32))
             sizes = [len(a) for a in maps]
             self.cubes.append((together, sizes, answer.environment, shown.dead.copy(), views))
@@ -123,7 +123,7 @@ class Crops(Dataset):
             glance = Glance(tensors(view.scene), afar, view.step, top, left, turned=False)
         radiance, p, v, sky_view, t, ground = maps[:, *at].split(sizes)
         below = torch.from_numpy(rng.random(p.shape[1:], np.float32)) * p.sum(0)
-        material = (p.cumsum(0) < below).sum(0).clamp(max=len(p) - 1)  # rounding may go beyond
+        material = (p.cumsum(0) < below).sum(0).clamp(max=len(p) - 1)  # rounding may exceed it
         light = torch.from_numpy(around[:, view.seen].astype(np.float32))
         radiance, texture = radiance[view.seen], torch.einsum("kb,khw->bhw", light, v)
         sample = Sample(
@@ -133,13 +133,13 @@ class Crops(Dataset):
 
 
 def learned(cube, left_out):
-    """The HeatCube of which the network learns: pixels that say nothing are as if dead, and so like
-    those beside them."""
+    """The HeatCube from which the network learns: pixels that say nothing are treated as dead, and
+    so as similar to their neighbours."""
     return cube if left_out is None else replace(cube, dead=left_out)
 
 
 def _view(cube, library, environment, rng):
-    """A View of a HeatCube in an Environment, of a random half of its bands and step."""
+    """A View of a random half of a HeatCube's bands in an Environment, with a random step."""
     seen = np.zeros(cube.bands, bool)
     seen[rng.permutation(cube.bands)[: max(BANDS[0], cube.bands // 2)]] = True
     cube, environment = cube.only(seen), environment.only(seen)

@@ -1,10 +1,10 @@
-"""Fine-tuning: a trained network gets used to a library or an instrument that it never saw.
+"""Fine-tuning: adapting a trained network to a library or an instrument that it never saw.
 
-With scenes   the training scenes' light paths are shaded again with the new curves (`reshade`)
-              and trained on as in `train`, for a few epochs at a lower learning rate.
-With cubes    it is trained on somebody's own cubes, of which no truth is known, to see in half
-              of the bands what it so far answers to all of them (`crops`), without what it finds
-              wrong with the camera.
+With scenes   the light paths of training scenes are shaded again with the new curves (`reshade`),
+              and training continues as in `train`, for a few epochs at a lower learning rate.
+With cubes    it is trained on a user's own cubes, without truth, to reach from half of the bands
+              what it so far answers from all of them (`crops`), after the camera errors found are
+              corrected.
 
 Zero-shot is neither: the network takes any library as it is.
 """
@@ -33,10 +33,10 @@ from .reshade import ReshadedSet
 from .train import SIDE, TOGETHER, VALIDATION_SEED, Draws, Training, fit, run_name
 
 LEARNING_RATE = 5e-4  # a quarter of training's
-CUBES_LEARNING_RATE = 1e-4  # its own answers are not the truth: keep near what is known
+CUBES_LEARNING_RATE = 1e-4  # low, because its own answers are not the truth
 PER_EPOCH = 160  # draws
 SCENES, EPOCHS = 48, 3  # 3 % of the scenes and of the draws of `train`
-HELD_OUT = 8  # validation scenes, or at least so many crops of the cubes, one of each at least
+HELD_OUT = 8  # validation scenes, or least number of crops of the cubes, at least one from each
 
 
 def finetune(
@@ -45,22 +45,22 @@ def finetune(
 ):  # fmt: skip
     """Adapt a TeXNet to a library -> (another TeXNet, history).
 
-    network   TeXNet to start from; it is left as it is
+    network   TeXNet to start from; it is not changed
     library   MaterialLibrary; one without sky gets the starter library's for training
-    cache     folder for light paths and checkpoints; what is there is used, so a stopped run
-              goes on from its last epoch to the same result
-    scenes    to shade again and train on, if there are no cubes
+    cache     folder for light paths and checkpoints; existing ones are used, so a stopped run
+              resumes from its last epoch with the same result
+    scenes    number to shade again and train on, if there are no cubes
     epochs    of 160 draws each
-    cubes     HeatCubes of 4 bands or more; if any, they are all that is trained on
+    cubes     HeatCubes of 4 bands or more; if any, training uses only these
     seed      same seed, same weights
     device    "cpu" or "cuda", for the network
     progress  called as progress(done, total, what) after each scene and each draw
 
     history is a dict of plain values: settings, minutes, what the training set was, and under
-    "before" and "after" the metrics on held-out scenes; of cubes, on other crops of them, against
-    what the network that it started from answers.
-    Raises InputError where library and cubes or 8-14 um do not fit together, or the library is a
-    single material.
+    "before" and "after" the metrics on held-out scenes; with cubes, on other crops of them,
+    against the answers of the original network.
+    Raises InputError if library and cubes or 8-14 um do not fit together, or the library has only
+    one material.
     """
     check_device(device)
     if len(library) < 2:
@@ -124,9 +124,9 @@ def finetune(
 
 
 def calibrated(cube, library, network, device="cpu"):
-    """What `decompose` makes of a HeatCube by a TeXNet with USUAL_OBJECTS before any pixel is
-    solved, and then of the pixels that it has something to say of, as a CalibratedCube: the cube
-    that a right camera would have shown. Raises InputError as that does.
+    """A CalibratedCube: the HeatCube as corrected by `decompose` with a TeXNet and USUAL_OBJECTS
+    before any pixel is solved, and then the answer to its informative pixels. Raises InputError as
+    that does.
     """
     way = by_network(library, torch_model(network, device=device))
     of = circumstances(cube, library, way.looks, k=min(USUAL_OBJECTS, cube.measured_count))

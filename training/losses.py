@@ -1,11 +1,11 @@
 """What training minimises: supervised T, m and V, and Eq. 1 itself.
 
-    supervised   -log p(m), and Huber's loss of T, of V's sky in parts of SKY_VIEW_UNIT, and
-                 of the texture that V makes: objects of equal spectra are worth the same V
-    physics      log(1 + |S - S~|^2 / sigma^2) of Eq. 1 with e = sum_m p_m e_m, where the
-                 network does not believe in sky. Needs no truth.
+    supervised   -log p(m), and Huber's loss of T, of the sky's V in units of SKY_VIEW_UNIT, and
+                 of the texture that V yields: objects of equal spectra are interchangeable in V
+    physics      log(1 + |S - S~|^2 / sigma^2) of Eq. 1 with e = sum_m p_m e_m, weighted by the
+                 network's belief that there is no sky. Needs no truth.
 
-Texture counts in kelvin: its radiance error divided by dB/dT at 300 K.
+The texture error is in kelvin: its radiance error divided by dB/dT at 300 K.
 """
 
 import torch
@@ -36,7 +36,7 @@ def supervised_loss(prediction, sample):
     per_kelvin = noise_sigma(wavelength, 1.0)
     x_error = (v.T @ sample.known.environment - sample.texture[:, ground].T) / per_kelvin
     sky_error = (v.T @ sample.known.sky_object - sample.sky_view[ground]) / SKY_VIEW_UNIT
-    sky_error = sky_error * sample.known.sky_object.amax()  # no object, nothing to say
+    sky_error = sky_error * sample.known.sky_object.amax()  # no sky object: no loss
     return (
         loss
         + SKY_VIEW_WEIGHT * functional.huber_loss(sky_error, torch.zeros_like(sky_error))

@@ -1,9 +1,9 @@
-"""Training scenes made of any library: traced once, then shaded again with its curves.
+"""Training scenes made of any library: traced once, then shaded with its curves.
 
-The geometry, temperatures and skies are those of `scenes`; each object gets one of the
-library's materials at random. Light paths hold no wavelength and no material's curve, so they
-are traced once for all libraries and kept on disk; a Record is shaded from them when asked
-for, in a third of a second, each time a scene's turn comes with other materials.
+The geometry, temperatures and skies are those of `scenes`; each object gets one of the library's
+materials at random. Light paths depend on no wavelength and no curve, so they are traced once for
+all libraries and kept on disk. A Record is shaded from them on request, in a third of a second,
+each time a scene is used with other materials.
 
     <folder>/<hash>-traced-<e>/train-0000.npz   a TracedScene
 """
@@ -20,10 +20,11 @@ from texnet.files.library_io import with_sky
 
 from .scenes import BASE_SEED, Record, SceneSet, Settings, loaded, of_seed, scene_of
 
-# e of all that is traced: the less, the longer the paths. Weights (1 - e) / (1 - TRACED_WITH) stay
-# tame where their mean square is below 1: for e of 0.16, 0.05 and 0.015 and more
+# e of all surfaces while tracing: the less, the longer the paths. Weights
+# (1 - e) / (1 - TRACED_WITH) stay tame if their mean square is below 1: for e of 0.16, 0.05 and
+# 0.015 and more
 TRACED_WITH = 0.3, 0.1, 0.03
-TURNS = 8  # other materials for each scene, before they repeat
+TURNS = 8  # versions of each scene with other materials, before they repeat
 MIN_BANDS = 8  # half a micrometre
 
 
@@ -34,10 +35,10 @@ class ReshadedSet(SceneSet):
     folder    as for SceneSet
     library   MaterialLibrary that covers at least half a micrometre of 8-14 um; one without
               sky gets the starter library's (`with_sky`)
-    seed      of which object is made of which material
+    seed      of the assignment of materials to objects
     settings  Settings
 
-    Raises InputError where these are not that.
+    Raises InputError for invalid arguments.
     """
 
     def __init__(self, folder, split, count, library, seed=0, settings=Settings()):  # noqa: B008 (it is frozen)
@@ -65,7 +66,7 @@ class ReshadedSet(SceneSet):
         return TURNS * self.count
 
     def __getitem__(self, i):
-        """Record i: scene i modulo count. InputError if it is not traced yet."""
+        """Record i, of scene i modulo count. InputError if it is not traced yet."""
         cube, truth = self.shade(i, self.wavelength_um, self.fwhm_um, 0)
         return Record(
             cube.radiance, truth.texture.astype(np.float16), truth.temperature_k, truth.sky_view,
@@ -95,7 +96,7 @@ class ReshadedSet(SceneSet):
         return trace_scene(scene_of(seed), size, self.settings.spp, seed, grey)
 
     def in_words(self):
-        """What the folder holds, for people: a dict of plain values."""
+        """Description of the folder's content, a dict of plain values."""
         return {
             "what": "light paths of simulated scenes, traced by training/reshade.py",
             "size": self.settings.size,

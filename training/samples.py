@@ -2,10 +2,10 @@
 
 From a clean Record at 100 narrow bands, each draw makes other bands (3 to 100, equidistant
 over part of 8-14 um with or without gaps, or any), other noise (10 to 200 mK), another number
-of environment objects (1 to 8, estimated from the noisy cube itself, and how much of the light is
-the sky's, likewise) and another library: the scene's own materials among others, in any order, each
-curve a little wrong. Nearly half of the draws have 9 bands or fewer, where spectra say least and
-the surroundings most, and half are the scene's mirror image. Half come with a glance from afar at
+of environment objects (1 to 8, estimated from the noisy cube itself, like the sky's share of the
+light) and another library: the scene's own materials among others, in any order, each curve
+a little wrong. Nearly half of the draws have 9 bands or fewer, where spectra say least and
+the surroundings most, and half are mirror images of the scene. Half come with a glance from afar at
 the whole scene, whose answer the network then expects; the others teach it to answer a glance.
 """
 
@@ -28,13 +28,13 @@ from texnet.model import TeXModel
 from texnet.network import stem
 
 BANDS, NETD_K, OBJECTS = (3, 100), (0.01, 0.2), (1, 8)
-MATERIALS = 6  # at least, in a library
-ANY_BANDS = 0.2  # of the draws: bands that are not equidistant
+MATERIALS = 6  # least number in a library
+ANY_BANDS = 0.2  # share of the draws with bands that are not equidistant
 CURVE_ERROR = 0.01  # largest standard deviation of a library's error
 
 
 class Glance(NamedTuple):
-    """A whole scene seen from afar, of which a Sample is a part.
+    """A whole scene, of which a Sample is a part, seen from afar.
 
     scene, radiance (bands, h, w)  of its patches, one every step pixels, as TeXModel takes them
     top, left                      pixel at which the Sample begins;  turned: it is mirrored
@@ -49,7 +49,7 @@ class Glance(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Input and truth, or what stands for it, for height x width pixels.
+    """Input and truth, or its substitute, for height x width pixels.
 
     known, radiance (bands, height, width)   as the network takes them
     material (height, width) int64 index into the library, temperature_k (height, width) K,
@@ -71,8 +71,8 @@ class Sample(NamedTuple):
 def draw(record, rng, side=None) -> Sample:
     """A random Sample of a Record, by a numpy Generator.
 
-    side   pixels of a random square of it, of which every other has a glance; if None all of the
-           scene, with one. What is known of a scene comes from all of it, whatever the side.
+    side   pixels of a random square of it, half of them with a glance; if None the whole scene,
+           with one. What is known of a scene always comes from all of it.
     """
     weight, centre, width = _bands(record.wavelength_um, rng)
     netd_k = float(np.exp(rng.uniform(*np.log(NETD_K))))
@@ -108,14 +108,14 @@ def draw(record, rng, side=None) -> Sample:
 
 @torch.no_grad()
 def features(known, radiance):
-    """The Stem of radiance (bands, height, width), a tensor on the CPU, as those of Known are."""
+    """The Stem of radiance (bands, height, width), a tensor on the CPU like those of Known."""
     h = hypotheses_of({name: a.numpy() for name, a in known._asdict().items()})
     return stem(known, Hypotheses(**tensors(h._asdict())), radiance.flatten(1))
 
 
 def expected_by(network, sample):
-    """Nats (materials, pixels) by which a network's glance at the scene of a Sample expects
-    materials in it, 0 without one."""
+    """Nats (materials, pixels) by which a network expects materials in a Sample after a glance at
+    its scene; 0 without one."""
     known, shape, glance = sample.known, sample.radiance.shape[1:], sample.glance
     if glance is None:
         return sample.radiance.new_zeros(len(known.is_sky), shape[0] * shape[1])
@@ -136,7 +136,7 @@ def _bands(fine_um, rng):
         return np.eye(fine)[pick], fine_um[pick], np.full(n, step)
     span = min(fine, max(n, int(fine * rng.uniform(0.6, 1.2))))
     edges = np.linspace(0, span, n + 1) + rng.integers(fine - span + 1)
-    filled = 1.0 if rng.random() < 0.5 else rng.uniform(0.4, 1.0)  # of a band by its filter
+    filled = 1.0 if rng.random() < 0.5 else rng.uniform(0.4, 1.0)  # of a band, by its filter
     middle = 0.5 * (edges[1:] + edges[:-1])
     half = 0.5 * max(filled * span / n, 1.0)
     i = np.arange(fine)

@@ -1,16 +1,16 @@
 """Sets of simulated scenes, cached on disk.
 
-Scene i of a split is a pure function of the settings, the split and i, so a set can be made
-by any number of processes, interrupted anywhere and taken up again. A set lives in a folder
-named by a hash of all of ours that makes it, the simulator's source included: what is found there
-is what would be made.
+Scene i of a split is a pure function of the settings, the split and i, so a set can be made by any
+number of processes, interrupted at any point and resumed. A set lives in a folder named by a hash
+of all our code and data that determine it, including the simulator's source: what is found there is
+what would be made.
 
     <folder>/<hash>/made.json        the settings, for people
     <folder>/<hash>/train-0000.npz   a Record
 
-Radiance is clean; whoever trains adds noise, and drops and merges bands, as he goes. Half of
-the scenes are made of the starter library, half of a library varied from it. Of those to train on
-and to validate every other one is enclosed, if outdoors: in a wood or a street.
+Radiance is clean; training adds noise, and drops and merges bands, on the fly. Half of the scenes
+are made of the starter library, half of a library varied from it. Of those for training and
+validation every other one is enclosed, if outdoors: in a wood or a street.
 """
 
 import json
@@ -44,7 +44,7 @@ MAX_SCENES = 100_000  # of a split; also the step to the seed that stands in for
 MAPS = "temperature_k", "sky_view", "material"  # of a Record
 MAX_TRIES = 10  # MAX_TRIES * MAX_SCENES seeds fit between two bases
 _PHYSICS, _HERE = Path(physics.__file__).parent, Path(__file__).parent
-# of what is in a scene's file, or a traced one's
+# of the content of a scene's file, or a traced one's
 SOURCES = (
     *(_PHYSICS / name for name in (
         "simulator", "bands.py", "errors.py", "library.py", "planck.py", "sky.py", "truth.py",
@@ -59,7 +59,7 @@ SOURCES = (
 
 @dataclass(frozen=True)
 class Settings:
-    """What a scene is rendered with: size x size pixels, spp paths each, bands over 8-14 um.
+    """How a scene is rendered: size x size pixels, spp paths each, bands over 8-14 um.
 
     From 48 bands on each is narrow, so that Eq. 1 holds with e at its centre.
     """
@@ -71,7 +71,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One simulated scene; float32 unless said. In sky pixels T is the air's and X is 0.
+    """One simulated scene; float32 unless stated. In sky pixels T is the air's and X is 0.
 
     radiance       (bands, height, width) S without noise, W m-2 sr-1 um-1
     texture        (bands, height, width) float16 X, W m-2 sr-1 um-1
@@ -79,8 +79,8 @@ class Record:
     sky_view       (height, width) V_sky, 0..1
     material       (height, width) uint8 index into curves
     curves         (materials, bands) e of the scene's library at the centres
-    names          (materials,) its names; one is "sky"
-    wavelength_um  (bands,) float64 centres in um; bands are as wide as they are apart
+    names          (materials,) names of that library; one is "sky"
+    wavelength_um  (bands,) float64 centres in um; bands are contiguous
     seed           of the scene
     """
 
@@ -121,12 +121,12 @@ class Record:
 class SceneSet:
     """The first `count` scenes of a split, in a folder shared by all splits and settings.
 
-    folder    where sets are cached; made if need be
+    folder    where sets are cached; created if necessary
     split     "train", "validation" or "test"
     count     scenes, at most MAX_SCENES
     settings  Settings
 
-    Raises InputError where these are not that.
+    Raises InputError for invalid arguments.
     """
 
     def __init__(self, folder, split, count, settings=Settings()):
@@ -149,17 +149,17 @@ class SceneSet:
         return self.folder / f"{self.split}-{i:04d}.npz"
 
     def render(self, i):
-        """What the file of scene i holds; it has a `save(path)`."""
+        """The content of scene i's file, with a method `save(path)`."""
         return make_record(self.settings, self.split, i)
 
     def make(self, workers=None, progress=None):
         """Render the scenes that are missing.
 
-        workers   processes; one per core, or OMP_NUM_THREADS if less, if None. The files do not
+        workers   processes; if None, one per core, or OMP_NUM_THREADS if less. The files do not
                   depend on it.
-        progress  called as progress(done, total) at first and after each scene
+        progress  called as progress(done, total) initially and after each scene
 
-        May be interrupted at any time; what is done is kept. Raises InputError where the
+        May be interrupted at any time; finished scenes are kept. Raises InputError if the
         folder cannot be written.
         """
         missing = [i for i in range(self.count) if not self.path(i).exists()]
@@ -178,7 +178,7 @@ class SceneSet:
                 progress(self.count - len(missing) + done, self.count)
 
     def in_words(self):
-        """What the folder holds, for people: a dict of plain values."""
+        """Description of the folder's content, a dict of plain values."""
         bands = self.settings.bands
         return {
             "what": "simulated scenes, rendered by training/scenes.py; see its Record",
@@ -192,7 +192,7 @@ class SceneSet:
 
 
 def loaded(kind, path):
-    """kind.load(path) of a file that was made here; InputError says what to do if it is damaged."""
+    """kind.load(path) of a file made here; InputError says what to do if it is damaged."""
     try:
         return kind.load(path)
     except InputError as e:
@@ -203,7 +203,7 @@ def loaded(kind, path):
 
 
 def scene_of(seed):
-    """The Scene of a seed, as its split has it."""
+    """The Scene of a seed, as defined by its split."""
     enclosed = seed % 2 == 1 and seed < BASE_SEED["test"]
     return enclosed_scene(seed) if enclosed else random_scene(seed)
 
@@ -216,7 +216,7 @@ def make_record(settings, split, i):
 def of_seed(make, split, i):
     """make(seed) of scene i of a split.
 
-    A scene that cannot be rendered, because rays leak from its room, gives way to the one
+    A scene that cannot be rendered, because rays leak from its room, is replaced by the one
     MAX_SCENES seeds on, still within the split's own range. None is all sky: the camera of
     `random_scene` never looks up so far as to lose the ground.
     """
@@ -229,7 +229,7 @@ def of_seed(make, split, i):
 
 
 def _render(settings, seed):
-    rng = np.random.default_rng([seed, 707])  # its own stream: the scene does not depend on it
+    rng = np.random.default_rng([seed, 707])  # a separate stream, which does not affect the scene
     library = MaterialLibrary.starter()
     if rng.random() < 0.5:
         library = vary(library, rng)
@@ -245,7 +245,7 @@ def _render(settings, seed):
 
 
 def _hash(settings):
-    """Of what of ours makes a scene: settings, the simulator and this package's part."""
+    """Hash of all that determines a scene: settings, the simulator and this package's part."""
     return provenance([asdict(settings), BASE_SEED], SOURCES)
 
 
@@ -267,7 +267,7 @@ def _in_processes(scenes, missing, workers):
         busy = set()
 
         def hand(pipe, i):
-            with suppress(ConnectionError):  # it died; said where it is waited for
+            with suppress(ConnectionError):  # it died, which is reported where it is awaited
                 pipe.send(i)
             busy.add(pipe)
 
@@ -298,9 +298,8 @@ def _in_processes(scenes, missing, workers):
 
 
 def _work(scenes, pipe):
-    """A worker: numbers of scenes come in, None or an exception goes out, until the other end
-    closes."""
-    # Exits by exception, which takes an unfinished file away.
+    """A worker: receives scene numbers, sends None or an exception, until the other end closes."""
+    # Exits by exception, which removes an unfinished file.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     with suppress(EOFError, ConnectionError):
         while True:

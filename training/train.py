@@ -1,8 +1,8 @@
-"""Training: random scenes in, weights out. Lightning keeps the books.
+"""Training: random scenes in, weights out, with Lightning for bookkeeping.
 
 Draw i of a run comes from a generator seeded by (seed, i), so the same command gives the same
-weights, and a run that was stopped goes on from its last epoch to the same result. A step's
-batch is one scene, because libraries and bands differ in size; gradients of a few are averaged.
+weights, and a stopped run resumes from its last epoch with the same result. A batch is one scene,
+because libraries and bands differ in size; the gradients of a few scenes are averaged.
 """
 
 import atexit
@@ -41,21 +41,21 @@ from .scenes import SceneSet
 from .workers import deaf_to_ctrl_c
 
 LEARNING_RATE = 2e-3
-WARM_UP = 0.1  # of the steps, before the learning rate falls
-SIDE = 64  # pixels; more of one scene teaches less than more scenes
+WARM_UP = 0.1  # share of the steps before the learning rate falls
+SIDE = 64  # pixels; larger parts of a scene teach less than more scenes
 TOGETHER = 4  # scenes whose gradients are averaged
 PER_EPOCH = 320  # draws between two checkpoints
 SCENES, VALIDATION_SCENES, EPOCHS = 1600, 40, 60
 VALIDATION_SEED = 7
 WORKERS = usual_threads()  # processes that make draws
-FAREWELL_S = 5.0  # for a thread of theirs to end
+FAREWELL_S = 5.0  # for their threads to end
 
 
 def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", progress=None):
     """Make scenes, train a network on them and write it to `out` (safetensors) -> its history.
 
-    cache     folder for scenes and checkpoints; what is there is used, so a stopped run goes on
-    scenes    to train on; 40 others validate
+    cache     folder for scenes and checkpoints; existing ones are used, so a stopped run resumes
+    scenes    number to train on; 40 others are for validation
     epochs    of 320 draws each
     device    "cpu" or "cuda", for the network; scenes are made on the CPU
     progress  called as progress(done, total, what) after each scene and each draw
@@ -85,8 +85,8 @@ def train(out, cache, *, scenes=SCENES, epochs=EPOCHS, seed=0, device="cpu", pro
 
 
 def run_name(settings):
-    """A folder name for a run: the same settings (plain values), code and data of physics, and
-    packages that compute, the same name."""
+    """A folder name for a run, determined by its settings (plain values), the code and data of
+    physics, and the numerical packages."""
     packages = [Path(package.__file__).parent for package in (physics, texnet)]
     data = sorted((packages[0] / "data").iterdir())
     of = settings, {name: version(name) for name in ("torch", "numpy", "scipy", "scikit-learn")}
@@ -94,7 +94,7 @@ def run_name(settings):
 
 
 class Draws(Dataset):
-    """Draw number i of a set of scenes: each scene once in every turn, in a new order.
+    """Draw number i from a set of scenes: each scene once per round, in a new order.
 
     side   pixels of a random square of the scene that the draw shows; all of it if None
     """
@@ -114,7 +114,7 @@ class Draws(Dataset):
 
 
 class Epoch(Sampler):
-    """The draws of one epoch; Lightning says which."""
+    """The draws of one epoch, whose number Lightning sets."""
 
     def __init__(self, length):
         self.length, self.epoch = length, 0
@@ -130,8 +130,8 @@ class Epoch(Sampler):
 
 
 class Training(lightning.LightningModule):
-    """A network with its losses: steps of the optimiser in all; terms "both", "supervised" or
-    "physics" of `losses`; seconds spent in epochs so far, metrics of the last one."""
+    """A network with its losses. steps: of the optimiser in all; terms: "both", "supervised" or
+    "physics" of `losses`. Keeps the seconds spent in epochs and the metrics of the last one."""
 
     def __init__(self, network, steps, terms="both", learning_rate=LEARNING_RATE):
         super().__init__()
@@ -155,12 +155,12 @@ class Training(lightning.LightningModule):
         return self.loss(*batch)
 
     def predict(self, sample, s):
-        """The network's Prediction of a Sample, of which s is the Stem."""
+        """The network's Prediction for a Sample, whose Stem is s."""
         expected = expected_by(self.network, sample)
         return self.network(sample.known, s, expected, sample.radiance.shape[1:])
 
     def loss(self, sample, s):
-        """What is minimised, of a Sample and its Stem: a scalar."""
+        """The scalar to minimise, for a Sample and its Stem."""
         prediction = self.predict(sample, s)
         loss = 0.0
         if self.terms != "physics":
@@ -173,7 +173,7 @@ class Training(lightning.LightningModule):
         self.log_dict(self.measures(*batch), batch_size=1)
 
     def measures(self, sample, s):
-        """How good the network is on a Sample and its Stem: a dict of scalars."""
+        """The network's measures on a Sample and its Stem: a dict of scalars."""
         prediction = self.predict(sample, s)
         right = (prediction.log_material.argmax(0) == sample.material).float().mean()
         entropy = cross_entropy(prediction, sample)
@@ -211,15 +211,15 @@ class WholeCheckpoints(TorchCheckpointIO):
 
     def save_checkpoint(self, checkpoint, path, storage_options=None):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        whole = BytesIO()  # on a full disk torch would raise what is no OSError
+        whole = BytesIO()  # on a full disk torch would not raise an OSError
         torch.save(checkpoint, whole)
         with whole_file(path) as part:
             part.write_bytes(whole.getbuffer())
 
 
 class Loader(DataLoader):
-    """A DataLoader of single draws by single-threaded workers, deaf to Ctrl-C, which ends the
-    whole."""
+    """A DataLoader of single draws by single-threaded workers, which ignore Ctrl-C; the parent ends
+    them."""
 
     def __init__(self, data, order):
         several = dict(multiprocessing_context="spawn", persistent_workers=True) if WORKERS else {}
@@ -227,15 +227,15 @@ class Loader(DataLoader):
             data, batch_size=None, sampler=order, num_workers=WORKERS,
             worker_init_fn=_as_worker, **several,
         )  # fmt: skip
-        self.threads = set(threading.enumerate())  # of others
+        self.threads = set(threading.enumerate())  # existing ones
 
     def __iter__(self):
         with deaf_to_ctrl_c():
             return super().__iter__()
 
     def close(self):
-        """End the workers, and wait for the threads that spoke to them: one that the interpreter's
-        end breaks off as it frees a semaphore leaves a warning that it leaked."""
+        """End the workers, and wait for the threads that communicated with them: one interrupted by
+        the interpreter's exit while it frees a semaphore causes a warning of a leak."""
         if self._iterator is not None:
             self._iterator._shutdown_workers()
         for thread in set(threading.enumerate()) - self.threads:
@@ -245,34 +245,34 @@ class Loader(DataLoader):
 
 def _as_worker(_):
     threadpool_limits(1)  # more would wait for each other
-    # orderly, or the process that waits for it reports a crash instead of ending itself
+    # exit cleanly, or the waiting process reports a crash instead of ending itself
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # at once: threads of native libraries, still running, may abort an orderly end with a message
+    # immediately: running threads of native libraries may abort a normal exit with a message
     atexit.register(os._exit, 0)
 
 
 def fit(
     module, draws, validation, folder, *, epochs, per_epoch=PER_EPOCH, device="cpu", progress=None
 ):
-    """Train a Training module on Draws, from folder/last.ckpt if it is there -> metrics.
+    """Train a Training module on Draws, from folder/last.ckpt if that exists -> metrics.
 
-    validation  Draws of which all are measured after the last epoch, or None
+    validation  Draws, all of which are measured after the last epoch, or None
     device      "cpu" or "cuda": the first GPU
     progress    called as progress(done, total, "training") after each draw
 
     The metrics are those of the last epoch, as floats. After Ctrl-C (KeyboardInterrupt) the
-    same call goes on from the last epoch.
+    same call resumes from the last epoch.
     """
     quiet()
     orderly = torch.are_deterministic_algorithms_enabled()
     last, order = Path(folder) / "last.ckpt", Epoch(per_epoch)
-    if last.exists():  # Lightning begins to draw before it tells the first epoch
+    if last.exists():  # Lightning begins to draw before it announces the first epoch
         order.set_epoch(_epoch_of(last) + 1)
     trainer = lightning.Trainer(
         accelerator="cpu" if device == "cpu" else "gpu", devices=1,
         max_epochs=epochs, accumulate_grad_batches=TOGETHER, gradient_clip_val=1.0,
         default_root_dir=folder, logger=False, plugins=[WholeCheckpoints()],
-        # The one best by no measure is the last; save_last alone saves nothing (2.6).
+        # With no metric to monitor, the best is the last; save_last alone saves nothing (2.6).
         callbacks=[
             ModelCheckpoint(folder, "last", save_top_k=1, enable_version_counter=False,
                             save_on_train_epoch_end=True),
@@ -283,16 +283,16 @@ def fit(
         deterministic=True,
     )  # fmt: skip
     listening, threads = signal.getsignal(signal.SIGINT), torch.get_num_threads()
-    torch.set_num_threads(1)  # the cores make draws, and what waits for one of them spins
+    torch.set_num_threads(1)  # the cores make draws, and threads waiting for these would spin
     loaders = [Loader(draws, order)]
     loaders += [] if validation is None else [Loader(validation, range(len(validation)))]
     try:
         trainer.fit(module, *loaders, ckpt_path=last if last.exists() else None, weights_only=True)
-    except InputError as e:  # of a worker, with all that led to it; its own words end it
+    except InputError as e:  # a worker's, with its traceback; the message is at the end
         raise InputError(str(e).rpartition(f"{type(e).__name__}: ")[2].strip()) from e
     except torch.OutOfMemoryError as e:
         raise InputError("device: the GPU has too little memory; take --device cpu.") from e
-    except RuntimeError as e:  # Lightning may stumble over what a worker's end left behind
+    except RuntimeError as e:  # Lightning may fail on what a stopped worker left behind
         if not re.search(r"DataLoader worker \(pid|shared memory", f"{e} {e.__context__}"):
             raise
         raise InputError(
@@ -302,7 +302,7 @@ def fit(
     except SystemExit as e:
         if not isinstance(e.__context__, KeyboardInterrupt):
             raise
-        # Lightning makes an exit of Ctrl-C, and ignores any further one
+        # Lightning turns Ctrl-C into an exit, and ignores a second one
         signal.signal(signal.SIGINT, listening)
         raise KeyboardInterrupt from None
     finally:
@@ -317,11 +317,11 @@ def _epoch_of(checkpoint):
     """The last epoch of a checkpoint."""
     try:
         return torch.load(checkpoint, weights_only=True)["epoch"]
-    except Exception as e:  # torch raises whatever it stumbles over
+    except Exception as e:  # torch raises all kinds
         raise InputError(f"training: {checkpoint} is damaged; delete it to begin anew.") from e
 
 
 def quiet():
-    """Lightning's advice on hardware and products stays off the terminal."""
+    """Keep Lightning's advice on hardware and products off the terminal."""
     logging.getLogger("pytorch_lightning").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", module="pytorch_lightning|lightning_fabric")

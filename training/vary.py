@@ -1,8 +1,7 @@
-"""Other plausible libraries, made from one, so that a network cannot learn curves by heart.
+"""Other plausible libraries, made from one, so that a network cannot memorise curves.
 
-What tells real materials apart is kept: smooth curves with a few bands of structure, mostly
-near 1, some metals. What is random is where a band lies, how deep it is and what it is mixed
-with.
+What distinguishes real materials is kept: smooth curves with a few bands of structure, mostly near
+1, some metals. Where a band lies, how deep it is and what it is mixed with are random.
 """
 
 from dataclasses import replace
@@ -10,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 LOWEST, HIGHEST = 0.02, 0.995  # a polished metal; no surface is quite black
-SHIFT_UM = 0.4  # how far a band may move; that of silica does so among the silicates
+SHIFT_UM = 0.4  # largest shift of a band; silica's shifts as much among the silicates
 
 
 def vary(library, rng):
@@ -32,7 +31,7 @@ def _another(m, emissivity, w, solid, rng):
     others = rng.permutation(others)[: rng.integers(1, 4)]
     e = emissivity[m]
     if len(others):
-        share = 0.7 * rng.random() ** 2  # mostly little, or metals would all be gone
+        share = 0.7 * rng.random() ** 2  # mostly small, or no metals would be left
         e = (1 - share) * e + share * rng.dirichlet(np.ones(len(others))) @ emissivity[others]
     e = np.interp(w + rng.uniform(-SHIFT_UM, SHIFT_UM), w, e)
     e = e.mean() + rng.uniform(0.4, 2.0) * (e - e.mean())

@@ -1,4 +1,4 @@
-"""Processes that work for a training run leave Ctrl-C to the one that waits for them."""
+"""Processes of a training run that leave Ctrl-C to the process waiting for them."""
 
 import signal
 from contextlib import contextmanager
@@ -7,9 +7,9 @@ from multiprocessing import resource_tracker
 
 @contextmanager
 def deaf_to_ctrl_c():
-    """Processes that begin in the block never hear of Ctrl-C, which reaches the whole group."""
-    resource_tracker.ensure_running()  # its start would unblock what is blocked here
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # they inherit it
+    """Processes started in the block never see Ctrl-C, which reaches the whole process group."""
+    resource_tracker.ensure_running()  # starting it later would unblock the signal
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it
     try:
         yield
     finally:

@@ -1,6 +1,6 @@
-"""Planck's law averaged over box bands, and its inverse, by a table as ground segments use one.
+"""Planck's law averaged over box bands, and its inverse, by table lookup as in ground segments.
 
-A camera of few, wide bands would otherwise be off by tenths of a kelvin, which is no method's
+With a few wide bands the result would otherwise be off by tenths of a kelvin, which is no method's
 fault.
 """
 
@@ -13,7 +13,7 @@ COLDEST_K, HOTTEST_K, STEP_K = 100.0, 800.0, 0.1
 
 
 class BandPlanck:
-    """B(T) of bands with centres and widths (bands,) in um.
+    """B(T) for bands with centres and widths (bands,) in um.
 
     Linear between entries STEP_K apart, which is good to 1e-4 K; clipped to 100-800 K.
     """
@@ -41,7 +41,8 @@ class BandPlanck:
 
 
 def emissivity(spectra, temperature_k, law, sky):
-    """e = (S - X) / (B(T) - X) of Eq. 1 with X the sky: (pixels, bands), of a wrong T beyond 0..1.
+    """e = (S - X) / (B(T) - X) by Eq. 1 with X the sky: (pixels, bands); a wrong T takes it
+    beyond 0..1.
 
     Where B(T) = X a pixel shows nothing of its emissivity; then e = 1.
     """

@@ -2,7 +2,7 @@
 
     T = mean over bands of B^-1((S - (1 - e) X) / e),   e = 0.95
 
-what a thermal camera does that is told an emissivity and what is reflected. With T,
+as a thermal camera does that is given an emissivity and the reflected radiance. With T,
 e(wavelength) follows from Eq. 1.
 """
 
@@ -14,7 +14,7 @@ EMISSIVITY = 0.95
 
 
 def separate(spectra, law, sky):
-    """T (pixels,) K and e (pixels, bands), see the package."""
+    """T (pixels,) K and e (pixels, bands); see the package."""
     emitted = (spectra - (1 - EMISSIVITY) * sky) / EMISSIVITY
     t = law.brightness_temperature(emitted).mean(axis=-1)
     return t, np.clip(emissivity(spectra, t, law, sky), 0.0, 1.0)

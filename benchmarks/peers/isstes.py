@@ -6,9 +6,9 @@ spectrum. So T is the one that minimises
     sum over bands of (e_i - (e_(i-1) + e_i + e_(i+1)) / 3)^2
 
 (Borel 1998, Proc. IGARSS, 546; Borel 2008, Int. J. Remote Sensing 29, 5029). T is searched in a
-small range around the largest brightness temperature of a pixel, in ever finer steps: that which
-erred least on eight scenes that are not charted (a higher T makes e smaller, and so smoother).
-Exact, without noise, where the sky is all of X, e a straight line and T within the range.
+small range around a pixel's largest brightness temperature, in ever finer steps; the range is the
+one with the least error on eight scenes that are not charted (a higher T makes e smaller, and so
+smoother). Exact, without noise, if the sky is all of X, e a straight line and T within the range.
 """
 
 import numpy as np
@@ -17,11 +17,11 @@ from .band_planck import emissivity
 
 BELOW_K, ABOVE_K = 0.5, 1.0  # of the largest brightness temperature
 STEPS_K = (0.5, 0.05, 0.005)
-PIXELS_PER_BLOCK = 2048  # so that what is worked on stays in the processor's cache
+PIXELS_PER_BLOCK = 2048  # so that intermediates stay in the processor's cache
 
 
 def separate(spectra, law, sky):
-    """T (pixels,) K and e (pixels, bands), see the package."""
+    """T (pixels,) K and e (pixels, bands); see the package."""
     blocks = range(0, len(spectra), PIXELS_PER_BLOCK)
     t = np.concatenate([_smoothest(spectra[i : i + PIXELS_PER_BLOCK], law, sky) for i in blocks])
     return t, np.clip(emissivity(spectra, t, law, sky), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Eq. 6 by a bounded scipy.optimize.least_squares per pixel and material, in one thread: how the
+"""Eq. 6 by a bounded scipy.optimize.least_squares per pixel and material, in one thread, as the
 published MATLAB code is ported. It minimises the same J as `physics.exact.local`."""
 
 import numpy as np
@@ -7,18 +7,18 @@ from physics.bands import quadrature
 from physics.planck import planck
 from physics.prior import V_PRECISION
 
-SUM_WEIGHT = 1e4  # of V's sum being 1, which scipy's bounds cannot say
+SUM_WEIGHT = 1e4  # of the constraint that V sums to 1, which scipy's bounds cannot express
 
 
 def pure_hypotheses(model):
-    """The rows of a ReducedModel that are materials as such, neither sky nor partly sky."""
+    """The rows of a ReducedModel that are pure materials, neither sky nor partly sky."""
     return np.flatnonzero((model.sky_share == 0) & ~model.library.is_sky[model.material])
 
 
 def fit(model, spectrum, r, fwhm_um):
-    """J + occam in nats, T in K and V (k,) of a pixel (bands,) and hypothesis r.
+    """J + occam in nats, T in K and V (k,) for a pixel (bands,) and hypothesis r.
 
-    fwhm_um (bands,) are the bands' widths: Eq. 1 is averaged over them as `reduce_model` does.
+    fwhm_um (bands,) are the bands' widths: Eq. 1 is averaged over them as in `reduce_model`.
     """
     from scipy.optimize import least_squares
 
@@ -35,8 +35,8 @@ def fit(model, spectrum, r, fwhm_um):
 
 
 def cost(model, spectrum, r, fwhm_um, temperature_k, lighting):
-    """J + occam in nats of a hypothesis at T in K and V (k,), by Planck's law itself instead of the
-    series that `physics.exact.local` has of it; other arguments as of `fit`."""
+    """J + occam in nats for a hypothesis at T in K and V (k,), with Planck's law itself instead of
+    the series in `physics.exact.local`; other arguments as in `fit`."""
     x = np.append(temperature_k, lighting)
     return 0.5 * (_residuals(model, spectrum, r, fwhm_um)(x) ** 2).sum() + model.occam[r]
 

@@ -1,7 +1,7 @@
 """The paper's Fig. "res": the errors of TeX against the number of bands.
 
-100 narrow bands are rendered over 8-14 um; equidistant subsets of them, each with the noise of
-the sensor (50 mK in every band, however few), are decomposed with k = 5 objects.
+100 narrow bands are rendered over 8-14 um; equidistant subsets of them, all with the sensor's noise
+(50 mK in every band, however few), are decomposed with k = 5 objects.
 """
 
 from .curves import publish, sweep

@@ -1,8 +1,8 @@
 """The paper's Fig. "4band": TeX vision from 4 bands beside 54 and the truth; and from a mosaic.
 
-The 4 bands cover 8-14 um side by side, each with the NETD of the 54 narrow ones. As four full
-frames they cost bands alone. Through one sensor under a 2 x 2 pattern of filters (`mosaic`)
-they cost resolution too: three of four bands are missing in every pixel.
+The 4 bands cover 8-14 um contiguously, each with the NETD of the 54 narrow ones. As four full
+frames they only cost bands. On one sensor under a 2 x 2 pattern of filters (`mosaic`) they also
+cost resolution: every pixel lacks three of the four bands.
 """
 
 from collections import Counter
@@ -82,7 +82,7 @@ def decompose_by(method, cube, library):
 
 
 def _at(answer, truth):
-    """The answer at the truth's resolution: cells repeated for their pixels."""
+    """The answer at the truth's resolution: each cell repeated for its pixels."""
     if answer.material.shape == truth.material.shape:
         return answer
     fine = lambda a: a.repeat(2, axis=-2).repeat(2, axis=-1)
@@ -90,7 +90,7 @@ def _at(answer, truth):
 
 
 def _best_way(rows):
-    """Which way to invert a mosaic is the best by each error, in how many scenes."""
+    """Which way to invert a mosaic is best by each error, in how many scenes."""
     ours = [r for r in rows if r["method"] == OURS and r["camera"] in WAYS]
     scenes = dict.fromkeys((r["group"], r["scene"]) for r in ours)
     lines = []

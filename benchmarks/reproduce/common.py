@@ -1,7 +1,6 @@
-"""What the figures made of pictures share: the night scenes, and panels with numbers below.
+"""Shared by the figures made of pictures: the night scenes, and panels with numbers below.
 
-Curves take the colours of `benchmarks.colours`, and each a marker or a line style of its own
-besides.
+Curves have the colours of `benchmarks.colours`, and each also its own marker or line style.
 """
 
 from types import SimpleNamespace
@@ -33,7 +32,7 @@ SCREEN_DPI, PRINT_DPI = 100, 300  # 1000 pixels wide, text legible a little smal
 def night(name, full=False, progress=None, *, size=None, bands=BANDS, spp=SPP, exposure=0):
     """(HeatCube, Truth) of a preset at seed 7, of size (height, width) or the one for full.
 
-    exposure  another number, another draw of light paths and noise; the scene stays
+    exposure  another number gives other light paths and noise, but the same scene
     """
     size = size or (FULL_SIZE if full else SIZE)
     wavelength_um, fwhm_um = equidistant_bands(bands)
@@ -49,7 +48,7 @@ def stage(progress, what):
 
 
 def scene_library(truth):
-    """The starter library of no more than the materials in a Truth."""
+    """The starter library reduced to the materials in a Truth."""
     return MaterialLibrary.starter().subset(
         [truth.material_names[m] for m in np.unique(truth.material)]
     )
@@ -71,7 +70,7 @@ def dpi(shape):
 def panels(rows, columns, shape, more_inches=0.0):
     """(Figure, axes (rows, columns)) for pictures of shape (height, width), captions below.
 
-    more_inches  of height per row, for captions of more than one line
+    more_inches  of height per row, for captions of several lines
     """
     height = WIDTH_INCHES / columns * shape[0] / shape[1] + 0.6 + more_inches
     fig = Figure(figsize=(WIDTH_INCHES, rows * height), dpi=dpi(shape), layout="constrained")
@@ -79,7 +78,7 @@ def panels(rows, columns, shape, more_inches=0.0):
 
 
 def name_materials(fig, *truths):
-    """A legend below the figure: the hues of the materials in sight in Truths."""
+    """A legend below the figure: the hues of the materials visible in Truths."""
     starter = MaterialLibrary.starter()
     names = dict.fromkeys(n for t in truths for n in names_in_view(t, LEAST_SHARE))
     colours = {n: colour_of(starter.hue_deg[starter.index(n)]) for n in names}
@@ -93,10 +92,10 @@ def name_materials(fig, *truths):
 
 
 def show(ax, picture, title, caption="", cmap="gray", norm=None, unit=None):
-    """A picture with its title above and what was measured below.
+    """A picture with its title above and its measures below.
 
-    norm  matplotlib's, of the colour map; None: `between` the values of this picture
-    unit  of the values; given, a colour bar says it
+    norm  matplotlib's, for the colour map; None: `between` the values of this picture
+    unit  of the values; if given, a colour bar is drawn with it
     """
     ax.set_title(title, fontsize=TEXT)
     ax.set_xlabel(caption, fontsize=TEXT)
@@ -122,8 +121,8 @@ def between(*pictures):
 def save(fig, path, greys=False):
     """Write a figure as a PNG of half the usual size.
 
-    greys  nearly all of it is grey: a palette of 256 colours keeps every grey as it is. Else
-           a channel has 32 levels, which changes no hue but drowns contrasts of 3 %
+    greys  nearly all of it is grey: a palette of 256 colours keeps every grey. Otherwise a
+           channel has 32 levels, which changes no hue but hides contrasts of 3 %
     """
     canvas = FigureCanvasAgg(fig)
     canvas.draw()

@@ -2,7 +2,7 @@
 
 Two groups of scenes: `patterned`, whose objects vary in temperature as in the paper, under several
 draws of noise, and random scenes of the test split, in which some objects are metal. A point is
-a mean over its group, its bar reaches from the least to the largest.
+the mean over its group, its bar extends from the least to the largest.
 """
 
 import numpy as np
@@ -48,7 +48,7 @@ def sizes(full):
 
 
 def subset(n):
-    """Indices of n equidistant ones of the rendered bands."""
+    """Indices of n equidistant bands of those rendered."""
     return ((np.arange(n) + 0.5) * FINE_BANDS / n).astype(int)
 
 

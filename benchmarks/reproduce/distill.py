@@ -1,21 +1,21 @@
 """Texture distillation in pictures (the paper's Fig. 4): estimated above, true below.
 
 The preset `forest`, decomposed by TeX-SGD (`sgd`) with the whole starter library and k = 5
-objects of the environment, three of which stand for the sky. From left to right, for pixels that
-are sky neither in truth nor by the answer:
+environment objects, three of which are sky. From left to right, for pixels that are sky neither in
+truth nor in the answer:
 
     X~      the light that the k objects send, sum of V_j S_j, mean over bands
-    ground  the part of it from objects on the ground, taken away: by day they shine no light
+    ground  the part of it from objects on the ground, which is removed: by day they emit no light
     sky     the part of it from the sky's objects
     delta   the residual |S~ - S|, root mean square over bands in noise units
-    fused   the sky's part with what the residual says of the sky's light (`physics.exact.distill`)
+    fused   the sky's part plus what the residual says of the sky's light (`physics.exact.distill`)
 
-Truth: X and its sky-lit part from the traced paths, and the ground's as their difference. Its
-delta is what the k objects cannot say even with the true T and e: V is then the least-squares fit
-of the true X on the simplex.
+Truth: X and its sky-lit part from the traced paths, and the ground's as their difference. Its delta
+is what the k objects cannot explain even with the true T and e: V is then the least-squares fit of
+the true X on the simplex.
 
-distill.csv, one row per picture: correlation (Pearson) of estimate and truth, of delta that of
-the logarithms (leaves against the sky are mixed pixels, with residuals hundreds of times those of
+distill.csv, one row per picture: correlation (Pearson) of estimate and truth, for delta of their
+logarithms (leaves against the sky are mixed pixels, with residuals hundreds of times those of
 others), and the medians of both.
 """
 

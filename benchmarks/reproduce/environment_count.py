@@ -1,8 +1,8 @@
 """The paper's Fig. "env": the errors of TeX against the number k of environment objects, 54 bands.
 
-The bounds tell apart what the environment costs (the best V leaves so much of X) from what the
-inversion adds. Of every k the estimate is handed to `decompose` as an environment that is given,
-since it makes ten objects at most by itself; so it does not look for errors of the camera.
+The bounds separate the cost of the environment (the best V leaves so much of X) from what the
+inversion adds. For every k the estimate is passed to `decompose` as a given environment, since
+`decompose` itself estimates ten objects at most; so it looks for no errors of the camera.
 """
 
 from .curves import publish, sweep

@@ -1,8 +1,8 @@
-"""The paper's Fig. "dn": how the environment is found, and what it alone costs.
+"""The paper's Fig. "dn": how the environment is found, and the cost of that alone.
 
 The means of the picture's halves against K-means for k = 2, and K-means for k = 5. The paper's
-method takes the centres as they are; ours finds the sky overhead by the sky in view
-(physics/estimate.py), for k = 5 by default. The bounds are `errors.bounds`'.
+method uses the centres as they are; ours finds the sky overhead from the sky in view
+(physics/estimate.py), by default for k = 5. The bounds are those of `errors.bounds`.
 """
 
 from benchmarks.paper_method import halves_environment, kmeans_environment, paper_decompose

@@ -4,7 +4,7 @@
     temperature_mse_k2    mean square error of T where the truth is not sky, K^2
     texture_mse_per_band  of X there, (W m-2 sr-1 um-1)^2, divided by the number of bands
 
-`bounds` says what no method can beat that takes the surroundings for the k objects of a given
+`bounds` says what no method can beat that replaces the surroundings by the k objects of a given
 environment: for T the Cramer-Rao bound (which an estimate that knows V >= 0, or what is usual,
 may still beat), for X the V on the simplex that comes nearest to the true X.
 
@@ -33,7 +33,7 @@ BESIDE = ("material_accuracy", "texture_correlation")
 ERRORS = ("cross_entropy", "temperature_mse_k2", "texture_mse_per_band")
 PAPER, OURS, LOCAL = "the paper's method", "net+sgd", "local"
 PAPER_BOUND, OUR_BOUND = "bound, the paper's environment", "bound, our environment"
-MARGIN = 1.05  # ours counts as the worse where it is so much above the paper's method
+MARGIN = 1.05  # ours counts as worse if it exceeds the paper's method by this factor
 
 
 def traced(name, seed, size, spp):
@@ -49,8 +49,8 @@ def random_seeds(n):
 
 
 def seen(clean, truth, bands, seed):
-    """The bands (indices) of a cube without noise as a sensor of NETD_K reads them -> HeatCube
-    and Truth."""
+    """The bands (indices) of a noise-free cube as read by a sensor with NETD_K -> HeatCube and
+    Truth."""
     w, rng = clean.wavelength_um[bands], np.random.default_rng(seed)
     cube = HeatCube(
         add_noise(clean.radiance[bands], w, NETD_K, rng), w, clean.fwhm_um[bands], NETD_K
@@ -70,9 +70,10 @@ def errors(answer, truth):
 
 
 def bounds(cube, truth, environment):
-    """What limits the ERRORS given an environment, T and m being true; no bound on m is known.
+    """Lower limits of the ERRORS for a given environment, with T and m true; no bound on m is
+    known.
 
-    The first is infinite where bands are too few to tell T from V.
+    That on T is infinite if there are too few bands to tell T from V.
     """
     ground = non_sky(truth)
     e, x = (a[:, ground].T.astype(float) for a in (truth.emissivity, truth.texture))
@@ -88,8 +89,8 @@ def bounds(cube, truth, environment):
 def best_lighting(texture, radiance):
     """V (P, k) on the simplex whose V S is nearest to X (P, bands), S being (k, bands).
 
-    Since V sums to 1, X - V S = V (X - S), so that non-negative least squares of zero with the
-    sum as one more, heavy row is all there is to it (Lawson and Hanson 1974, ch. 23).
+    Since V sums to 1, X - V S = V (X - S), so this is non-negative least squares of zero with the
+    sum as one additional, heavily weighted row (Lawson and Hanson 1974, ch. 23).
     """
     heavy = 1e4 * np.abs(radiance).max()
     rest = np.zeros(radiance.shape[1] + 1)
@@ -101,7 +102,7 @@ def best_lighting(texture, radiance):
 
 
 def measure(cube, truth, library, k, seed):
-    """{method: its errors} of one cube with k objects, bounds among them."""
+    """{method: its errors} for one cube with k objects, including the bounds."""
     ours = estimate_environment(cube, library, k, seed=seed)
     theirs = kmeans_environment(cube, k, seed)
     own = {m: decompose(cube, library, method=m, environment=ours) for m in (OURS, LOCAL)}
@@ -113,8 +114,8 @@ def measure(cube, truth, library, k, seed):
 
 
 def verdict(rows, x):
-    """Where net+sgd errs more than the paper's method, by more than MARGIN, scene by scene and x by
-    x; a sentence.
+    """A sentence on where net+sgd's error exceeds that of the paper's method by more than MARGIN,
+    for each scene and each x.
 
     rows   dicts of group, scene, seed, method, ERRORS and x, the name of what varies
     """

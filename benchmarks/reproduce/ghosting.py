@@ -1,18 +1,17 @@
 """Why a thermal image has no texture: the ghosting effect (the paper's Fig. 1).
 
-(a) What an ordinary camera sees is sunlight that is scattered; the glow of what it sees lies far
-from its response. A thermal camera sees glow and scattered light in the same band.
+(a) An ordinary camera sees scattered sunlight; the thermal emission of what it sees lies far from
+its response. A thermal camera sees emission and scattered light in the same band.
 
-(b) Snow, grass and sand, each of one material and one temperature, so that all texture is
-geometry (the preset `patches` with finer meshes, the camera close to one of them). One set of
-light paths gives the picture by day (luminance under sun and sky) and the picture of a broadband
-thermal camera at night (8-14 um), each with all bounces. Both have the same pixels and the same
-signal-to-noise ratio, mean over standard deviation of the noise: that of the thermal camera,
-NETD 50 mK at 300 K.
+(b) Snow, grass and sand, each of one material and one temperature, so that all texture is geometry
+(the preset `patches` with finer meshes, the camera close to one of them). One set of light paths
+gives the picture by day (luminance under sun and sky) and the picture of a broadband thermal camera
+at night (8-14 um), each with all bounces. Both have the same pixels and the same signal-to-noise
+ratio, mean over standard deviation of the noise: that of the thermal camera, NETD 50 mK at 300 K.
 
 Texture is measured as RMS contrast (Peli 1990), the standard deviation over the mean. Noise of
-sensor and of paths is taken out: the variance is the covariance of two exposures with paths and
-noise of their own, so that only what both show counts.
+sensor and of paths is removed: the variance is the covariance of two exposures with independent
+paths and noise, so that only what both show counts.
 
 ghosting.csv, one row per material:
 
@@ -46,7 +45,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear RGB, ITU-R BT.709
 X_M = {"snow": -2.6, "grass": 0.0, "sand": 2.95}  # the middle of each patch
 FINENESS = 4  # facets of 1 cm
 SIZE, SPP = (180, 320), 128
-FULL_SPP = 32  # as many paths in a dot of the printed picture
+FULL_SPP = 32  # as many paths per dot of the printed picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +102,7 @@ def expose(scene, size, spp, seed, progress=None):
     thermal, visible = over_bands(cube.radiance), truth.visible @ LUMINANCE
     sigma = noise_sigma(w, common.NETD_K) @ fwhm
     scattering = over_bands((1 - truth.emissivity) * truth.texture).mean()
-    rng = np.random.default_rng([seed, 1])  # not the one that the paths were drawn with
+    rng = np.random.default_rng([seed, 1])  # independent of the paths
     noise = sigma / thermal.mean() * rng.standard_normal((2, *size))
     return Exposure(
         visible + visible.mean() * noise[0], thermal + thermal.mean() * noise[1], sigma,
@@ -114,7 +113,7 @@ def expose(scene, size, spp, seed, progress=None):
 def rms_contrast(first, second):
     """Standard deviation over mean of what two exposures (height, width) of a scene share.
 
-    Zero where their covariance is negative, as it may be where there is noise alone.
+    Zero if their covariance is negative, as it may be for noise alone.
     """
     covariance = np.mean((first - first.mean()) * (second - second.mean()))
     return float(np.sqrt(max(covariance, 0)) / np.mean([first, second]))
@@ -143,7 +142,7 @@ def measure(scene, name, first, second):
 
 
 def visible_ratio(temperature_k, albedo, sun_cosine):
-    """Own glow over scattered sunlight, 0.4-0.7 um, of a grey Lambertian surface without air."""
+    """Emission over scattered sunlight, 0.4-0.7 um, of a grey Lambertian surface without air."""
     w = np.linspace(*VISIBLE_UM, 301)
     solid_angle = np.pi * (SUN_RADIUS_M / SUN_DISTANCE_M) ** 2
     sunlight = albedo / np.pi * sun_cosine * solid_angle * planck(w, SUN_K)

@@ -1,15 +1,15 @@
-"""Four filters over one sensor, as Bayer laid out three: every pixel measures one band alone.
+"""Four filters over one sensor, like Bayer's three: every pixel measures only one band.
 
     0 1
     2 3     in every cell of 2 x 2 pixels
 
-Two ways to four full pictures, and one that needs none. `bilinear` interpolates every band from
-its own samples. `edge_aware` adds to a pixel's own sample how much the other bands differ from
-its band nearby, "nearby" being weighted by distance and by likeness (Tomasi and Manduchi 1998,
-bilateral filtering), so that nothing is averaged across an edge; likeness is first that of the
-samples, then that of the result. Both work on brightness temperatures, which differ little
-between bands. `cells` takes the four samples of a cell for one spectrum, as if T, m and V were
-the same in all of it: least squares of Eq. 1 itself, at half the resolution.
+Two ways to four full pictures, and one that needs none. `bilinear` interpolates every band from its
+own samples. `edge_aware` adds to a pixel's own sample the nearby difference of the other bands from
+its band, "nearby" being weighted by distance and by similarity (Tomasi and Manduchi 1998, bilateral
+filtering), so that nothing is averaged across an edge; similarity is first that of the samples,
+then that of the result. Both work on brightness temperatures, which differ little between bands.
+`cells` takes the four samples of a cell for one spectrum, as if T, m and V were the same in all of
+it: least squares of Eq. 1 itself, at half the resolution.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ from physics.planck import brightness_temperature, planck
 PATTERN = np.array([[0, 1], [2, 3]])
 TENT = np.outer([1, 2, 1], [1, 2, 1]) / 4.0  # interpolates a band linearly between its samples
 REACH, NEAR, LIKE_K, ROUNDS = 3, 1.5, 5.0, 2  # pixels, pixels, K; tuned on other scenes
-FAR = 1e-6  # weight of what is not alike, where nothing else is in reach
+FAR = 1e-6  # weight of dissimilar pixels, used if no others are in reach
 
 
 def measures(shape):
@@ -31,15 +31,15 @@ def measures(shape):
 
 
 def sample(cube):
-    """(height, width) what a sensor under the four filters reads of a four-band HeatCube."""
+    """(height, width) readings of a sensor under the four filters, of a four-band HeatCube."""
     return (cube.radiance * measures(cube.shape)).sum(axis=0)
 
 
 def demosaic(raw, like, method):
     """HeatCube from raw (height, width) samples of a sensor with the bands and NETD of `like`.
 
-    method  bilinear or edge_aware. The NETD is what it makes of the sensor's noise, root mean
-    square; what it gets wrong at edges is not in it.
+    method  bilinear or edge_aware. The NETD is that of the sensor's noise after processing, root
+    mean square; errors at edges are not included.
     """
     w = like.wavelength_um[:, None, None]
     t = (brightness_temperature(w, raw) * measures(raw.shape)).sum(axis=0)
@@ -49,7 +49,7 @@ def demosaic(raw, like, method):
 
 
 def bilinear(t):
-    """(height, width) samples -> (4, height, width), each band from its own alone."""
+    """(height, width) samples -> (4, height, width), each band interpolated from its own."""
     own = measures(t.shape)
     total = [convolve(np.where(o, t, 0.0), TENT, mode="mirror") for o in own]
     return np.stack(total) / [convolve(o.astype(float), TENT, mode="mirror") for o in own]

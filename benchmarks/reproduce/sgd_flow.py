@@ -6,12 +6,12 @@ paper; k = 2 environment objects. In every pixel Eq. 6 is solved exactly for eac
 
     delta_m = |S~ - S| / sigma / sqrt(bands),    S~ = e_m B(T) + (1 - e_m) (V_1 S_1 + V_2 S_2)
 
-so root mean square over the bands, in noise units: 1 is noise alone. As in the paper, the sky is
-a material like the others here, with a T and a V of its own and the curve of the zenith. The
-material of least residual is the answer. What the package does besides, it does not do here:
-evidence instead of residual, a sky of its own mean spectrum, allowance for surroundings that
-deviate from the k objects, and neighbours. (The solver's weak priors on T and V stay; at most they
-add a nat or two to a cost of residual^2 bands / 2.)
+that is, the root mean square over the bands in noise units: 1 is noise alone. As in the paper, the
+sky is a material like the others here, with its own T and V and the curve of the zenith. The answer
+is the material with the least residual. The package's other steps are left out: evidence instead of
+residual, a sky with its own mean spectrum, allowance for surroundings that deviate from the k
+objects, and neighbours. (The solver's weak priors on T and V stay; at most they add a nat or two to
+a cost of residual^2 bands / 2.)
 
 sgd-flow.csv, one row per marked pixel and material: pixel, truth, row, column, material,
 residual (noise units), temperature_k, and V of both objects (the sky's is v_sky).
@@ -62,7 +62,7 @@ def reproduce(out, full, progress):
 
 
 def inmost(truth, name):
-    """(row, column) of the pixel of a material that is farthest from any other."""
+    """(row, column) of the pixel of a material that is farthest from any other material."""
     inside = np.pad(truth.material == truth.material_names.index(name), 1)
     return tuple(int(i) - 1 for i in np.unravel_index(
         distance_transform_edt(inside).argmax(), inside.shape
@@ -72,7 +72,7 @@ def inmost(truth, name):
 def residuals(cube, library, pixels):
     """Rows, see the module, of pixels {truth: (row, column)}."""
     seen = estimate_environment(cube, library, K)
-    # nothing but the k spectra, so that the solver's cost is the residual's square
+    # only the k spectra, so that the solver's cost is the residual's square
     environment = Environment(seen.radiance, seen.wavelength_um)
     everything = MaterialLibrary(
         [f"{SKY}, a material" if n == SKY else n for n in library.names],

@@ -1,26 +1,26 @@
 """Geometry or temperature? A scene where both vary (the paper's Fig. 6, and Eq. 7).
 
-The preset `patterned`: every object has relief, and a pattern of temperature that does not follow
-it. temperature.png shows what is made of its cube, each picture with how much of the true sky-lit
-texture it shows (`texnet.metrics.texture_scores`, pixels that are not sky): Pearson correlation
-and SSIM. The sign of a thermal picture, of CLAHE and of a principal component is arbitrary, so
-here each has the sign that correlates positively; of three components the one counts that
-correlates best. TeX vision (`net+sgd`, k = 5) is scored by its brightness, sign and all, the
-daylight picture by its luminance.
+The preset `patterned`: every object has relief, and a pattern of temperature independent of it.
+temperature.png shows the pictures made from its cube, each with how much of the true sky-lit
+texture it shows (`texnet.metrics.texture_scores`, non-sky pixels): Pearson correlation and SSIM.
+The sign of a thermal picture, of CLAHE and of a principal component is arbitrary, so here each has
+the sign that correlates positively; of the three components the best-correlated counts. TeX vision
+(`net+sgd`, k = 5) is scored by its brightness, including its sign, the daylight picture by its
+luminance.
 
 temperature-contributions.png shows why: Eq. 7 splits the contrast between neighbouring pixels,
 
     dS = dT e B'(T) + de (B(T) - X) + dX (1 - e)
 
-Each term is integrated over the bands (W m-2 sr-1), a gradient over two pixels down and across;
-shown is its magnitude. S is Eq. 1's, of the true T, e and X; the fourth map is what remains of
-its gradient without those three terms, the second and higher orders. Nothing is said where a
-neighbour is sky. The maps show the noise of the paths, too; the root mean squares leave it out, the
-square being the product of two exposures with paths of their own.
+Each term is integrated over the bands (W m-2 sr-1), as a gradient over two pixels down and across,
+and its magnitude is shown. S is that of Eq. 1 with the true T, e and X; the fourth map is what
+remains of its gradient without those three terms, the second and higher orders. Pixels with a sky
+neighbour are blank. The maps include the noise of the paths; the root mean squares do not, as each
+square is the product of two exposures with independent paths.
 
-temperature.csv: picture, correlation, ssim. temperature-contributions.csv: term, and its root
-mean square in W m-2 sr-1 over all those pixels and over those whose four neighbours are of the
-same material.
+temperature.csv: picture, correlation, ssim. temperature-contributions.csv: term, and its root mean
+square in W m-2 sr-1 over all those pixels and over those whose four neighbours are of the same
+material.
 """
 
 import numpy as np
@@ -65,7 +65,7 @@ def reproduce(out, full, progress):
     return "\n".join(lines), {"pictures": scores, "contributions": contrast}
 
 
-# --- what is shown, and how much texture it shows ----------------------------------------
+# --- the pictures, and how much texture they show ----------------------------------------
 
 
 def pictures(cube, truth, answer):
@@ -83,7 +83,7 @@ def pictures(cube, truth, answer):
 
 
 def score(picture, truth):
-    """The two scores of a picture that are shown."""
+    """The two scores shown for a picture."""
     scores = texture_scores(picture, truth)
     return {name: scores[name] for name in ("correlation", "ssim")}
 
@@ -98,7 +98,7 @@ def _signed(picture, truth):
 def contributions(truth, fwhm_um):
     """{term: (2, height, width)} over the bands, W m-2 sr-1 per pixel, down and across.
 
-    "temperature", "material", "texture" of Eq. 7, and "higher orders": what they leave out.
+    "temperature", "material", "texture" of Eq. 7, and "higher orders": the remainder.
     """
     names = ("temperature", "material", "texture", "higher orders")
     total = {name: np.zeros((2, *truth.material.shape)) for name in names}
@@ -116,9 +116,9 @@ def contributions(truth, fwhm_um):
 
 
 def measure_contrast(terms, repeated, material, seen):
-    """Rows of RMS contrast of terms and their repetition with other paths.
+    """Rows of RMS contrast from terms and their repetition with other paths.
 
-    Over the pixels that are seen, and over those of them within one material (height, width).
+    Over the pixels seen, and over those of them within one material (height, width).
     """
     one = maximum_filter(material, footprint=CROSS) == minimum_filter(material, footprint=CROSS)
 

@@ -1,13 +1,13 @@
 """TeX vision beside the raw thermal picture and the truth (the paper's Fig. 5).
 
-The presets `forest` and `street`, decomposed with the whole starter library and k = 5 objects of
-the environment by TeX-SGD (`sgd`) and by the network whose proposal is refined (`net+sgd`). The
-true TeX vision is painted from the truth of the traced paths by the same rule (`texnet.vision`),
-brightness being the part of X that the sky alone lights.
+The presets `forest` and `street`, decomposed with the whole starter library and k = 5 environment
+objects by TeX-SGD (`sgd`) and by the network with refinement (`net+sgd`). The true TeX vision is
+painted by the same rule (`texnet.vision`) from the truth of the traced paths, brightness being the
+part of X that the sky alone lights.
 
 tex-vision.csv, one row per scene and picture: material_accuracy (all pixels), temperature_rmse_k
-(K, pixels that are not sky), texture_correlation (Pearson, with the true sky-lit texture, same
-pixels); of the thermal picture the last alone, its magnitude.
+(K, non-sky pixels), texture_correlation (Pearson, with the true sky-lit texture, same pixels); for
+the thermal picture only the last, as a magnitude.
 """
 
 import numpy as np

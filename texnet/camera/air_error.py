@@ -1,9 +1,9 @@
-"""How far the air that was found may absorb otherwise than usual air, and what that does to T.
+"""How far the air found may absorb differently from usual air, and what that does to T.
 
-Usual air is a guess: what any absorbs is off by the least of AIR_ERRORS, as a share of each band's
-optical depth, and that of air which does not fit so by more (`absorbing_otherwise`). Bands are as
-much noisier as that moves the ground (`correction`), and as it moves many bands alike, too, T may
-be off by as much as it would be another then (`air_error_k`).
+Usual air is a guess: any absorption is taken to be off by the least of AIR_ERRORS, as a share of
+each band's optical depth, and more if the air does not fit otherwise (`absorbing_otherwise`). Each
+band gets as much extra noise as that error changes the ground (`correction`). As it also changes
+many bands alike, T may be off by the change that causes (`air_error_k`).
 """
 
 import math
@@ -15,20 +15,20 @@ from physics.prior import MIN_TEMPERATURE_SPREAD_K
 
 from .misfit import fits
 
-# of its optical depth, in each band by itself, which stands for less in many bands alike: on ten
-# scenes used for tuning, behind 100 to 1000 m of usual and of other air, T of local was off by 1.7
-# and 1.2 K with none, by 1.1 and 1.2 with 0.4, of net+sgd by 1.2 and 1.0, and 0.9 and 1.0 (0.3 and
-# 0.5 did as well)
+# share of the optical depth, in each band independently, which stands for a smaller error common to
+# many bands. On ten scenes used for tuning, behind 100 to 1000 m of usual and of other air, T of
+# local was off by 1.7 and 1.2 K with none, by 1.1 and 1.2 with 0.4; of net+sgd by 1.2 and 1.0, and
+# 0.9 and 1.0 (0.3 and 0.5 did as well)
 AIR_ERRORS = 0.4, 0.8
 SHAPES = 4  # cosines along the wavelengths
 
 
 def absorbing_otherwise(pixels, c, left, noise):
-    """A Calibration with Air, by which so much is left of pixels, with the least of AIR_ERRORS by
-    which they fit; if they do by none, with what leaves least; and what that leaves. Distances are
-    likeliest at a noise. What is left is asked at MORE noise, but not at more of the error, so that
-    more of it is taken than just fits: as with noise, because what is wrong in all pixels alike
-    misleads more."""
+    """c, a Calibration with Air that leaves left of pixels, with the least of AIR_ERRORS that makes
+    them fit (or, if none does, leaves least); and what is then left. Distances are the
+    likeliest at a noise. What is left is measured with the noise raised by MORE but not the air
+    error, so that more of it is taken than just fits: as for noise, because errors common to all
+    pixels mislead more."""
     of = c._replace(contrast_k=pixels.contrast_k(c, noise))
     least = of._replace(air_error=AIR_ERRORS[0]), left
     for error in AIR_ERRORS:
@@ -42,10 +42,10 @@ def absorbing_otherwise(pixels, c, left, noise):
 
 
 def air_error_k(pixels, c, noise):
-    """K by which T of pixels would be another, if the Air of a Calibration absorbed otherwise by
-    its air_error in many bands alike: the root of the sum of squares over SHAPES cosines along the
-    wavelengths, which make up that much together, though no more than is known of a scene's T
-    beforehand. Distances, each pixel's by itself, are likeliest at a noise."""
+    """Change of T of pixels, K, if the absorption of a Calibration's Air were off by its air_error
+    in many bands together: the root of the sum of squares over SHAPES cosines along the
+    wavelengths, which together have that size, but at most a scene's prior uncertainty of T.
+    Distances, each pixel's on its own, are the likeliest at a noise."""
     if not c.air_error:
         return 0.0
     w, nodes = pixels.cube.wavelength_um, pixels.cube.nodes_um

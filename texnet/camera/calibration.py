@@ -1,30 +1,30 @@
-"""What is wrong with or before the camera, and how much noise, where the scene itself shows it.
+"""Errors of the camera and the air before it, and the noise, as far as the scene shows them.
 
-Some pixels are asked (`pixels`), in this order:
+A sample of the pixels (`pixels`) is tested in this order:
 
 1. Are the wavelengths off, or is there a gain or an offset of all bands (`one_error`)? If the
-   wavelengths are, all else waits until they are right. Under a sky that is assumed few bands are
-   not asked.
+   wavelengths are off, all else waits until they are right. Under an assumed sky this is not asked
+   of few bands.
 2. Do the pixels fit with that gain or offset? If not, do they through air (`air_between`), each
-   behind as much of it as is likeliest? Air is also taken if most of what does not fit is gone
-   with it, since air absorbs otherwise than ours (`air_error`), or if it makes the pixels likelier
-   by AIR_WORTH and is as warm as the sky's opaque bands say. It must make them likelier at the
-   noise that it takes without air, too: at the noise that is stated bands that are off pass for
-   hot air, behind which mirrors fit nearly everything.
-3. Is anything left (`misfit`)? It may be gains of the bands among each other, if nothing is left
-   with them (`band_gains`).
-4. Are the library's curves off (`curve_error`)? That is asked in any case, since mirrors make up
-   for wrong curves best, but not behind air, which absorbs otherwise than ours, nor of few bands,
-   which tell materials by little but their level, nor with one object.
-5. What is left after that is called noise: curves are off by more, a material is missing, or k is
-   too small.
+   behind the likeliest amount of it? Air is also accepted if it removes most of the misfit, since
+   real air absorbs differently from ours (`air_error`), or if it makes the pixels likelier by
+   AIR_WORTH and is as warm as the sky's opaque bands say. It must also make them likelier at the
+   noise that would be needed without air: at the stated noise, band errors pass for hot air,
+   behind which mirrors fit nearly everything.
+3. Is anything left (`misfit`)? It may be relative gains of the bands, if nothing is left with them
+   (`band_gains`).
+4. Are the library's curves off (`curve_error`)? That is always asked, since mirrors make up for
+   wrong curves best; but not behind air, which absorbs differently from ours, nor with few bands,
+   which tell materials by little but their level, nor with a single object.
+5. What is still left is called noise: curves are off by more, a material is missing, or k is too
+   small.
 
-What is likelier than none but not taken, or likelier but does not fit, is suspected: T is in doubt
-by as much as it would be another with it, unless what was taken is likelier by SUSPECT nats.
+Errors that are likelier than none but not accepted, or likelier without fitting, are suspected: T
+is in doubt by the change they would cause, unless what was accepted is likelier by SUSPECT nats.
 
-The constants, here and in the files named above, were found on scenes outside the test sets with 9
-and 54 bands: right cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, bands off by 0.1 to 1
-% among each other, libraries whose curves are 0.5 to 10 % wrong or that lack a common material,
+The constants, here and in the files named above, were tuned on scenes outside the test sets with 9
+and 54 bands: perfect cameras, gains and offsets off by 1 to 10 % and 1 to 3 K, relative band gains
+off by 0.1 to 1 %, libraries whose curves are 0.5 to 10 % wrong or that lack a common material,
 little sky in view, wavelengths off by a tenth of a band.
 """
 
@@ -45,32 +45,32 @@ from .misfit import fits, just, with_noise
 from .one_error import FEW_UNDER_SKY, LEVELS, SUSPECT, losses, one_error, shift_kind
 from .pixels import LEAST_OBJECTS, SampledPixels, sample
 
-# of the misfit beyond noise, at most, where air is taken out, and where it is suspected: on scenes
-# used for tuning 0 to 0.3 behind air (of one scene 0.2 and 0.7), 0.77 and more where curves were
+# largest share of the misfit beyond noise that accepted air may leave, and suspected air: on scenes
+# used for tuning 0 to 0.3 behind air (in one scene 0.2 and 0.7), 0.77 and more where curves were
 # wrong
 AIR_LEAVES, AIR_MAY_LEAVE = 0.5, 0.8
-# of air: nats per pixel at the noise that it takes without, K from what shows how warm it is, and
-# noise units that it leaves at most. On scenes used for tuning 0.19 and more, 1.6 and 1.8 at most
-# (or less than AIR_LEAVES). Elsewhere, where it was as near, no nats, but with bands off by 3 %, of
-# which it left 3.6 and more
+# for air: least nats per pixel at the noise needed without it, largest difference in K from what
+# shows its temperature, and most noise units that it leaves. On scenes used for tuning 0.19 and
+# more, 1.6 and 1.8 at most (or less than AIR_LEAVES). Elsewhere, where the temperature was as near,
+# no nats, except with bands off by 3 %, of which it left 3.6 and more
 AIR_WORTH, AIR_NEAR_K, AIR_LEFT = 0.1, 2.5, 2.0
-# times what noise leaves, at most, even of the pixels that fit best, where curves are off, if half
-# of the materials ask for it and if fewer do: on scenes used for tuning 0.84 to 1.07 where curves
-# were wrong by 2 % and less, 1.04 to 2 where a common material was missing, 1.3 to 6.6 where bands
-# were off
+# largest ratio of what the best-fitting pixels leave to what noise leaves, for curve errors to be
+# accepted, if half of the materials ask for them and if fewer do: on scenes used for tuning 0.84 to
+# 1.07 where curves were wrong by 2 % and less, 1.04 to 2 where a common material was missing, 1.3
+# to 6.6 where bands were off
 CURVES_LEAVE, CURVES_ALONE_LEAVE = 1.1, 1.0
-OPAQUE_UM = 13.0  # from here on a sky is as warm as the air near the ground
+OPAQUE_UM = 13.0  # from here on the sky is as warm as the air near the ground
 
 
 def calibration(cube, environment, looks, library, left_out=None, moved=False):
-    """The Calibration of a HeatCube with its NETD, of whose scene environment is the Environment;
-    RIGHT if nothing is wrong, or too little is there to say so. Where its wavelengths are off it
-    says that alone: all else is to be asked of the cube and an environment at those it shows.
+    """The Calibration of a HeatCube with its NETD in an Environment; RIGHT if nothing is wrong, or
+    there is too little to say so. If the wavelengths are off it contains only that: all else must
+    be asked again with the cube and its environment at the wavelengths found.
 
-    looks     as a `methods.Method` has it
+    looks     as in a `methods.Method`
     library   MaterialLibrary of what may be seen
-    left_out  (height, width) bool: pixels that say nothing, being saturated, dead or far hotter
-    moved     whether that was done, and they are not asked for again
+    left_out  (height, width) bool: pixels that say nothing: saturated, dead or far hotter
+    moved     whether that was done, and wavelengths are not asked for again
     """
     part = sample(cube, left_out)
     if part is None:
@@ -92,7 +92,7 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
             fit = fit._replace(found=evened, left=left, unfit=())
     rivals = [*suspected, *fit.unfit]
     found = explained(pixels, nats_of, fit.found, fit.left, rivals)
-    taken = found if found.curves else fit.found  # all at the noise that is stated
+    taken = found if found.curves else fit.found  # both at the stated noise
     return found._replace(
         suspected_k=_suspected_k(pixels, nats_of, taken, rivals, fit.noise),
         air_error_k=air_error_k(pixels, taken, fit.noise),
@@ -100,9 +100,9 @@ def calibration(cube, environment, looks, library, left_out=None, moved=False):
 
 
 class _Fit(NamedTuple):
-    """The first Calibration found by which pixels are likelier and fit, RIGHT if none; what is left
-    with it, in noise units; those likelier that do not fit; and the noise that it takes if nothing
-    is wrong."""
+    """found: the first Calibration that makes pixels likelier and fits, or RIGHT; left: its misfit,
+    in noise units; unfit: likelier ones that do not fit; noise: what is needed if nothing is
+    wrong."""
 
     found: Calibration
     left: float
@@ -121,7 +121,7 @@ def _that_fits(pixels, nats_of, camera, sky):
             continue
         tried.add(likelier)
         left = pixels.left(likelier, pixels.distances(likelier, noise))
-        if not left:  # of the ground too little would be left
+        if not left:  # too little ground would be left
             continue
         fit = fits(left, pixels.cube)
         if likelier.air and (
@@ -138,8 +138,8 @@ def _that_fits(pixels, nats_of, camera, sky):
 
 
 def _likelier(nats_of, camera, pixels, sky):
-    """The Calibrations by which pixels are likelier than by a right camera: its one error, and,
-    where the sky is in view, that and air between, or air."""
+    """Calibrations that make pixels likelier than a perfect camera: the one error of camera and,
+    if the sky is in view, that plus air, or air alone."""
     yield camera
     if sky and len(pixels.environment) >= LEAST_OBJECTS:
         air_of = partial(Air.of, nodes_um=pixels.cube.nodes_um)
@@ -148,21 +148,20 @@ def _likelier(nats_of, camera, pixels, sky):
 
 
 def _likelier_without_air(nats_of, c, noise):
-    """Whether at so much noise pixels are likelier by a Calibration without its Air."""
+    """Whether pixels are likelier, at this noise, by a Calibration without its Air."""
     return _worth_of_air(nats_of, c, noise) < 0
 
 
 def _is_air(nats_of, c, pixels, noise):
-    """Whether the Air of a Calibration is likelier by AIR_WORTH than none at so much noise, and as
-    warm as what shows how warm it is."""
+    """Whether a Calibration's Air gains AIR_WORTH at this noise, and is as warm as what shows its
+    temperature."""
     about_k = _about_air_k(pixels, c._replace(air=None))
     near = abs(c.air.temperature_k - about_k) <= AIR_NEAR_K
     return near and _worth_of_air(nats_of, c, noise) >= AIR_WORTH
 
 
 def _worth_of_air(nats_of, c, noise):
-    """Nats per pixel by which pixels are likelier by a Calibration with its Air than without it, at
-    so much noise."""
+    """Nats per pixel gained by a Calibration's Air at this noise."""
     through = c._replace(noise=noise)
     clear = through._replace(air=None)
     loss = losses(nats_of.each([through, clear]))
@@ -170,8 +169,8 @@ def _worth_of_air(nats_of, c, noise):
 
 
 def _about_air_k(pixels, c):
-    """K, of the sky's opaque bands, or, if there are none, of half of the pixels, as corrected by a
-    Calibration."""
+    """K, from the sky's opaque bands; if there are none, the warmer of the sky and the median of
+    all pixels, as corrected by a Calibration."""
     w = pixels.cube.wavelength_um
     sky_k = brightness_temperature(w, corrected_environment(pixels.environment, c).sky_mean).max()
     if w[-1] >= OPAQUE_UM:
@@ -181,8 +180,8 @@ def _about_air_k(pixels, c):
 
 
 def explained(pixels, nats_of, found, left, rivals=()):
-    """A Calibration that was found of some pixels with what explains what it leaves: curves that
-    are off, if nothing is left then and no rival explains it better, or noise."""
+    """A Calibration found, extended by what explains the rest: curve errors, if nothing is left
+    with them and no rival explains it better, or noise."""
     off = None
     if pixels.tell_bands_from_curves and not found.air:
         off = likeliest_curves(nats_of, found, rivals)
@@ -200,13 +199,13 @@ def explained(pixels, nats_of, found, left, rivals=()):
 
 
 def _suspected_k(pixels, nats_of, found, suspected, noise):
-    """K by which T of pixels may be another than with the Calibration found, rms of those that are
-    suspected and as likely; 0 if none is. Distances are what they are at a noise."""
-    if found.bands:  # whose gains are many enough to make up for any error of all
+    """K by which T of pixels may differ from that with the Calibration found: rms over those
+    suspected that are as likely; 0 if none is. Distances are the likeliest at a noise."""
+    if found.bands:  # these gains are numerous enough to make up for any error of all bands
         left = lambda c: pixels.left(c, pixels.distances(c, noise))
         suspected = [c for c in suspected if fits(left(c), pixels.cube)]
     else:
-        # noise that is raised band by band makes anything likelier
+        # extra noise in single bands (air_error) makes anything likelier
         loss = losses(nats_of.each([found._replace(air_error=0.0), *suspected]))
         suspected = [c for c in suspected if loss[c] <= min(loss.values()) + SUSPECT]
     if not suspected:

@@ -1,8 +1,8 @@
-"""A camera's Calibration, and what a right camera, with no air before it, would have shown instead.
+"""A camera's Calibration, and correcting a cube and its environment with it.
 
-A camera of gain g, bands' gains g_b and offset o shows g g_b S'_b + o of the radiance S'_b before
-it, which is that of the scene, S_b, or what air lets through of it (`physics.air`), of bands b that
-may lie at other wavelengths than it says.
+A camera of gain g, band gains g_b and offset o shows g g_b S'_b + o, where S'_b is the radiance
+before it: that of the scene, S_b, or what air makes of it (`physics.air`). The bands b may lie at
+other wavelengths than stated.
 """
 
 import math
@@ -16,26 +16,26 @@ from physics.cube.heat_cube import MAX_NETD_K
 from physics.machinery import scratch
 from physics.planck import noise_sigma, planck_derivative
 
-DARKEST = 0.05  # what is left of a radiance, at least
-STEP = 0.1  # of ln metres, where each pixel has a distance of its own
+DARKEST = 0.05  # least share of a radiance that a correction leaves
+STEP = 0.1  # of ln metres, if each pixel has its own distance
 
 
 class Calibration(NamedTuple):
-    """What is wrong with a camera, or before it.
+    """Errors of a camera, and the air before it.
 
     gain, offset_k  of all bands together, the offset in K at 300 K
-    shift_um  by which their wavelengths are stated too long
+    shift_um  by which wavelengths are stated too long
     noise    factor on the stated NETD
-    misfit   residual of the quarter of the pixels that fit best, in stated noise units, at least 1
-    shared   error that all bands may share for it, in stated noise units
-    suspected_k  K by which T would be another, corrected by what is likelier but not surely there
+    misfit   residual of the best-fitting quarter of the pixels, in stated noise units, at least 1
+    shared   error that all bands may therefore share, in stated noise units
+    suspected_k  change in T, K, if errors that are likelier but not certain were corrected
     curves   error of the library's emissivity that is allowed for
-    bands    their gains among each other; () if they agree
+    bands    relative gains of the bands; () if they agree
     air      Air between scene and camera; None if there is too little to tell
-    air_error  one standard deviation of its optical depth, as a share of that, in each band
-    contrast_k  K by which half of the ground behind it differs from it; of air_error alone
-    air_error_k  K by which T would be another, were that much of it off in many bands alike
-    error_at  Air of whose optical depth air_error is a share; None: of its own
+    air_error  one standard deviation of its optical depth in each band, as a fraction of it
+    contrast_k  K by which half of the ground behind it differs from it; used with air_error only
+    air_error_k  change in T, K, if that much of it were off in many bands together
+    error_at  Air of whose optical depth air_error is a fraction; None: its own
     """
 
     gain: float = 1.0
@@ -55,16 +55,16 @@ class Calibration(NamedTuple):
 
     @property
     def keeps_cube(self):
-        """Whether nothing is wrong of which a cube would be corrected."""
+        """Whether there is nothing to correct in a cube."""
         return self._replace(suspected_k=0.0, curves=0.0) == RIGHT
 
     @property
     def keeps_radiance(self):
-        """Whether nothing is wrong but the noise, the wavelengths and the library's curves."""
+        """Whether nothing is wrong except noise, wavelengths and the library's curves."""
         return self._replace(shift_um=0.0, noise=1.0, misfit=1.0, shared=0.0).keeps_cube
 
     def of_bands(self, n):
-        """(n,) the gains among each other of so many bands."""
+        """(n,) relative gains of n bands."""
         return np.array(self.bands) if self.bands else np.ones(n)
 
 
@@ -72,29 +72,29 @@ RIGHT = Calibration()
 
 
 class Distances(NamedTuple):
-    """metres (height, width) of Air before each pixel; far, as many as are before a far one."""
+    """metres (height, width) of Air before each pixel; far, those before a far one."""
 
     metres: np.ndarray
     far: float
 
 
 def corrected(cube, c, distances=None):
-    """The HeatCube that a right camera would have shown, of a Calibration; with the Distances of
-    what each pixel shows, if None all that of its Air.
+    """The HeatCube that a perfect camera would have shown, given a Calibration, and the Distances
+    of what each pixel shows (None: the length of its Air for all).
 
-    Its noise is one for all pixels, but not for all bands: of one that lets a tenth through it is
-    ten times as much. Of several distances it is that of a far one, whose opaque bands would
-    mislead, while those of a near one say little anyway. Of air that may absorb otherwise they are
-    noisier by as much as that moves half of the ground."""
+    The noise is the same for all pixels but not for all bands: in a band that transmits a tenth it
+    is ten times as much. With several distances it is that of a far one, whose opaque bands would
+    mislead, while those of a near one say little anyway. An air_error adds as much noise as it
+    changes half of the ground."""
     if c.shift_um:
         cube = cube.moved(c.shift_um)
     w = cube.wavelength_um
     far = c if distances is None else behind(c, distances.far, cube.nodes_um)
     _, gains = _offset_and_gain(w, far)
-    # even noise over it would tell as much (gains of bands among each other are 1 in the mean)
+    # equally informative uniform noise (relative band gains are 1 in the mean)
     mean = math.sqrt(np.mean((gains / c.of_bands(cube.bands)) ** 2))
     netd_k = min(cube.netd_k * c.noise / mean, MAX_NETD_K)
-    quiet = cube.quiet / c.noise**2  # pixels do scatter by what it is raised for
+    quiet = cube.quiet / c.noise**2  # pixels do scatter by what the noise is raised for
     if c.keeps_radiance:
         return replace(cube, netd_k=netd_k, quiet=quiet)
     at, some = 0, [c]
@@ -117,9 +117,9 @@ def corrected(cube, c, distances=None):
 
 
 def _absorption_noise(c, wavelength_um):
-    """(bands,) by how much S of what differs by a Calibration's contrast_k from its air is another
-    where the optical depth is off by air_error: S' = t S + (1 - t) B changes by (S - B) dt, and
-    S = (S' - (1 - t) B) / t by as much over t.
+    """(bands,) change of S, where it differs by a Calibration's contrast_k from its air, if the
+    optical depth is off by air_error: S' = t S + (1 - t) B changes by (S - B) dt, and
+    S = (S' - (1 - t) B) / t by that over t.
     """
     slope = planck_derivative(wavelength_um, c.air.temperature_k)
     t = np.array((c.error_at or c.air).transmittance)
@@ -128,7 +128,7 @@ def _absorption_noise(c, wavelength_um):
 
 
 def _by_distance(metres, c, nodes_um):
-    """Indices (height, width) into some Calibrations, and these, which have as much Air as is
+    """Indices (height, width) into a list of Calibrations, and that list, with the length of Air
     before each pixel, to STEP."""
     steps = np.round(np.log(metres / c.air.metres) / STEP).astype(int)
     numbers = range(steps.min(), steps.max() + 1)
@@ -137,14 +137,14 @@ def _by_distance(metres, c, nodes_um):
 
 
 def behind(c, metres, nodes_um):
-    """A Calibration with so many metres of its Air, at bands of nodes (bands, n) in um."""
+    """A Calibration with so many metres of its Air, for bands with nodes (bands, n) in um."""
     air = Air.of(metres, c.air.temperature_k, nodes_um, c.air.absorption)
     return c._replace(air=air)
 
 
 def corrected_environment(environment, c):
-    """The Environment likewise. No air is before the sky that lights it from overhead, and one that
-    is not in view was not seen by the camera."""
+    """The Environment corrected likewise. There is no air before the sky that lights it from
+    overhead, and a sky not in view was not seen by the camera."""
     environment = replace(environment, wavelength_um=environment.wavelength_um - c.shift_um)
     offset, gain = _offset_and_gain(environment.wavelength_um, c)
     before_sky = c._replace(air=None) if environment.sky_mean is not None else RIGHT
@@ -162,7 +162,7 @@ def corrected_environment(environment, c):
 
 
 def _offset_and_gain(wavelength_um, c):
-    """(bands,) each, of S."""
+    """(bands,) each, acting on S."""
     offset, gain = noise_sigma(wavelength_um, c.offset_k), c.gain * c.of_bands(len(wavelength_um))
     if c.air is None:
         return offset, gain
@@ -170,13 +170,13 @@ def _offset_and_gain(wavelength_um, c):
 
 
 def _corrected(radiance, offset, gain):
-    # the sky overhead, which is not in view, may be darker than an offset
+    # the sky overhead, not in view, may be darker than an offset
     return np.maximum((radiance - offset) / gain, DARKEST * radiance)
 
 
 def lifted_nats(cube, c):
-    """(height, width) by how many nats it is unlikely that a HeatCube is as dark as it is, of a
-    Calibration by which it would be darker than DARKEST: what `corrected` lifts, and so hides."""
+    """(height, width) nats against a HeatCube being so dark that a Calibration would make it darker
+    than DARKEST, which `corrected` prevents and so hides."""
     nats = np.zeros(cube.shape)
     if c.keeps_radiance:
         return nats

@@ -1,14 +1,14 @@
-"""How far off each part of a picture is, by the air before it.
+"""How far away each part of a picture is, from the air before it.
 
-Air of one temperature pulls what is seen through it the farther towards its own glow, the more of
-it there is. So once it is found for the whole picture (`air_between`), each patch is looked at
-behind half as much of it, twice as much and so on, and the distance d is taken that is likeliest
-with its neighbours':
+Air of one temperature pulls what is seen through it the more towards its own glow, the more air
+there is. So once air is found for the whole picture (`air_between`), each patch is tested behind
+half as much of it, twice as much and so on, and the likeliest distance d, with its neighbours, is
+taken:
 
     E(d)  =  mean over 3 x 3 patches of -log p(S | d)  +  ln^2(d / d_0) / (2 SPREAD^2)
 
-d_0 being that of the whole. What is as warm as the air looks the same behind any of it, and is
-taken to be as far as usual: there it matters least.
+where d_0 is that of the whole picture. What is as warm as the air looks the same behind any amount,
+and is taken to be at the usual distance; there it matters least.
 """
 
 import math
@@ -25,17 +25,17 @@ from .nats import NegativeLogEvidence
 from .one_error import lowest
 
 OCTAVES = np.arange(-5.0, 5.0)  # of d / d_0 that are tried
-SPREAD = 1.0  # of ln d within a picture, one standard deviation; of eleven scenes 0.3 to 1.2
-PATCHES = 8000  # at most about so many
-FAR = 0.75  # of the ground is nearer than that whose air the noise is of
-FEW = 0.1  # fewer pixels unlike the sky, and noise may hide the rest of the ground
-ENOUGH = 20.0  # nats: what is unlikely at one distance has no more to say
+SPREAD = 1.0  # of ln d within a picture, one standard deviation; in eleven scenes 0.3 to 1.2
+PATCHES = 8000  # about the most used
+FAR = 0.75  # share of the ground nearer than the distance for which noise is computed
+FEW = 0.1  # with a smaller share of pixels unlike the sky, noise may hide the rest of the ground
+ENOUGH = 20.0  # nats, at most, against a distance
 
 
 def distances(cube, environment, clear, look, materials, found):
     """Distances of what each pixel of a HeatCube shows, float32.
 
-    environment  Environment, as the camera has both;  clear  without air and what else is wrong
+    environment  Environment as the camera shows it;  clear  without air and the camera's errors
     look         methods.Look;  materials  how many it chooses from
     found        Calibration with the Air of the whole picture
     """
@@ -58,8 +58,8 @@ def distances(cube, environment, clear, look, materials, found):
 
 
 def far(metres, cube, environment):
-    """m to a far pixel of a HeatCube's ground, metres (height, width) being those to all; what is
-    dead or looks like the sky in view of an Environment is left out, unless FEW are left."""
+    """Distance, m, of a far pixel of a HeatCube's ground, given metres (height, width); dead pixels
+    and those like an Environment's visible sky are excluded, unless only FEW would remain."""
     sky = like_sky(cube.spectra, environment, cube.sigma).reshape(cube.shape)
     ground = ~sky & ~cube.dead
     return float(np.quantile(metres[ground] if ground.mean() >= FEW else metres, FAR))
@@ -73,13 +73,13 @@ def among_neighbours(nats):
 
 
 def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
-    """(height, width) octaves by which what a HeatCube shows is farther than found, a Calibration
-    with the Air of the whole picture, says.
+    """(height, width) octaves by which what a HeatCube shows is farther than found says, a
+    Calibration with the Air of the whole picture.
 
     nats_of  NegativeLogEvidence of the pixels, corrected by a Calibration
-    among    (octaves, height, width) nats -> their mean among those that are likely as far
+    among    (octaves, height, width) nats -> their mean among pixels likely to be as far
     """
-    # by one error of its air: by its own, more air would be likelier for its noise alone
+    # with one error for all: with its own, more air would be likelier just for its noise
     found = found._replace(error_at=found.air)
     tried = [behind(found, metres, cube.nodes_um) for metres in found.air.metres * 2**OCTAVES]
     nats = nats_of.each(tried)
@@ -89,7 +89,7 @@ def likeliest_octaves(found, nats_of, cube, among=lambda nats: nats):
     nats = np.minimum(nats - np.where(np.isfinite(least), least, 0), ENOUGH)
     farther = (OCTAVES * math.log(2))[:, None, None]
     energy = among(nats) + farther**2 / (2 * SPREAD**2)
-    # the lowest of a parabola about the best, which may be the nearest or the farthest
+    # the minimum of a parabola about the best, unless that is the nearest or the farthest
     best = energy.argmin(axis=0)
     at = np.clip(best, 1, len(OCTAVES) - 2)
     below, here, above = (np.take_along_axis(energy, at[None] + i, 0)[0] for i in (-1, 0, 1))

@@ -1,9 +1,9 @@
 """Whether an environment that was given is off by kelvins, where the pixels show it.
 
-One that was taken elsewhere or at another time may be; of one that was all sky that alone, as the
-other objects are the cube's own. It is taken to be if so the pixels are likelier by ERROR_WORTH,
-and more than by a gain or an offset of the camera or by curves that are off. No gain, offset or air
-is looked for then: all are measured against the environment.
+One measured elsewhere or at another time may be; of one that was all sky, only the sky, as the
+other objects come from the cube. It is taken to be off if that makes the pixels likelier by
+ERROR_WORTH, and more so than a gain or an offset of the camera or curve errors. No gain, offset or
+air is corrected then: all are measured against the environment.
 """
 
 from functools import partial
@@ -18,18 +18,18 @@ from .one_error import LEVELS, first_look, losses, one_error
 from .pixels import SampledPixels, sample
 
 # K that are tried, and nats per pixel: in ten scenes outside the test sets, with 54 and nine bands,
-# surroundings that were right to 1 K gained 0.07 at most, 10 K off 0.6 and more (in a wood, which
-# is all around, 0.08 to 0.4), 3 K off now and then nothing
+# surroundings that were right to 1 K gained at most 0.07, 10 K off 0.6 and more (in a wood, which
+# is all around, 0.08 to 0.4), 3 K off sometimes nothing
 ERRORS_K, ERROR_WORTH = (3.0, 10.0, 30.0), 0.1
 
 
 def error_of_given(cube, environment, objects, looks, library, left_out=None):
-    """A Calibration, of noise or curves alone, and K by which objects of a HeatCube's Environment
-    that were given, by index (None: all), are likely off, 0 if they are not. Other arguments as of
+    """A Calibration, of noise or curves only, and K by which given objects of a HeatCube's
+    Environment, by index (None: all), are probably off, 0 if they are not. Other arguments as in
     `calibration`.
 
-    What an error of it does not explain may as well be of the library or the camera, which mislead
-    likewise, so it is noise, too."""
+    The misfit that such an error leaves may as well come from the library or the camera, which
+    mislead likewise, so it is also noise."""
     part = sample(cube, left_out)
     if part is None:
         return RIGHT, 0.0
@@ -46,7 +46,7 @@ def error_of_given(cube, environment, objects, looks, library, left_out=None):
     worth = loss[0.0] - loss[likeliest] if np.isfinite(loss[likeliest]) else 0.0
     if likeliest in others or worth < ERROR_WORTH:
         return as_given, 0.0
-    if objects is None:  # by that camera, perhaps: else a gain of it is an error of the sky's
+    if objects is None:  # measured by that camera, perhaps: else its gain is an error of the sky's
         cameras = *first_look(LEVELS), camera, *suspected
         loss = losses(all_nats | nats_of.each(cameras))
         if min(loss, key=loss.get) != likeliest:

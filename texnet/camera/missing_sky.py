@@ -1,18 +1,17 @@
 """Whether a sky that is not in view lights the scene, and of which air.
 
-In a closed room none does: a sky is one more object that could light it, and the pixels are no
-likelier with it.
+In a closed room none does: a sky is one more object that could light it, and makes the pixels no
+likelier.
 
-Of which air it is, its reflections tell: that by which all pixels together are likeliest, among
-airs of some temperatures and humidities, those of the scene itself being usual. They are told apart
-best at MORE times the noise that is left (`misfit`); a few pixels tell none. Where no such sky
-makes a right camera fit, gains of the bands among each other may be in the way (`band_gains`): they
-are looked for under a few skies, those are taken by which the pixels are likeliest, and the air is
-looked for again. Here they count even if they are doubtful, as it is only asked whether there is a
-sky.
+Its reflections tell which air it has: among airs of some temperatures and humidities, those near
+the scene's own being usual, the one that makes all pixels together likeliest. They are told apart
+best at MORE times the noise that is left (`misfit`); a few pixels tell nothing of the air. If no
+such sky makes a perfect camera fit, relative gains of the bands may interfere (`band_gains`): they
+are estimated under a few skies, those that make the pixels likeliest are taken, and the air is
+searched again. Even doubtful gains count here, as the only question is whether there is a sky.
 
-Mirrors do not count: they may be of anything, even of themselves, as an object that was found in
-the picture has their very spectrum.
+Mirrors do not count: they may reflect anything, even themselves, as an object that was found in the
+picture has their very spectrum.
 """
 
 from functools import partial
@@ -30,17 +29,17 @@ from .nats import NegativeLogEvidence
 from .one_error import FEW_UNDER_SKY, GAIN, losses, one_error
 from .pixels import LEAST_PIXELS, SampledPixels, sample
 
-# nats per pixel; right ones were worth 1.8 and more, in rooms -2 and less. A few pixels tell less
-# surely, but mostly: of 30 single ones of rooms 4 passed for lit by a sky, none with a wrong name
+# nats per pixel; real skies gained 1.8 and more, in rooms -2 and less. A few pixels are less
+# certain, but mostly right: of 30 single ones in rooms 4 passed for sky-lit, none with a wrong name
 SKY_WORTH, FEWEST_PIXELS = 1.0, 1
-# nats per pixel of a right camera that fits, from which whether another does without a sky need not
-# be asked: of 119 pictures used for tuning that fit, 71 lit by a sky gained 1.3 or more, the others
-# 0.8 or less
+# nats per pixel, with a perfect camera that fits, above which it need not be asked whether another
+# camera explains the pixels without a sky: of 119 pictures used for tuning that fit, 71 lit by a
+# sky gained 1.3 or more, the others 0.8 or less
 PLAIN = 2.0
 # K by which air is warmer than the scene looks, and octaves by which it is drier than half
-# saturated: those that are tried, finer steps around the best, and those under whose skies gains
-# are looked for, too. UNUSUAL nats per pixel speak against air that is a step off the usual in one:
-# with fewer, bands that are off lead to airs far from any. Found on scenes used for tuning
+# saturated: those tried, finer steps around the best, and those under whose skies gains are also
+# estimated. UNUSUAL nats per pixel count against air one step from usual in either: with fewer,
+# band errors lead to airs far from any. Found on scenes used for tuning
 WARMER_K, DRIER = (-24.0, -16.0, -8.0, 0.0, 8.0), (-1.0, 0.0, 1.0, 2.0, 3.0)
 DRIEST = DRIER[0], DRIER[-1]
 STEPS = (8.0, 1.0), (4.0, 0.5)
@@ -49,15 +48,15 @@ UNUSUAL = 0.2
 
 
 def missing_sky(cube, environment, camera, usual, under_sky, looks, library, left_out=None):
-    """Atmosphere by whose sky the pixels of a HeatCube without sky in view are likelier by
-    SKY_WORTH than in an Environment without one, be the camera right or not; None if there is none.
+    """The Atmosphere whose sky makes the pixels of a HeatCube without sky in view likelier by
+    SKY_WORTH than an Environment without one, whether the camera is right or not; else None.
 
-    camera     camera() is the Calibration that is found without a sky, which takes long
+    camera     camera() is the Calibration found without a sky, which takes long
     usual      Atmosphere as warm as the scene looks
     under_sky  Atmosphere -> the Environment with its sky
 
-    Other arguments as of `calibration`. Without a sky gains of the bands do not count where a right
-    camera fits under one: they make up for what a sky does."""
+    Other arguments as in `calibration`. Without a sky, band gains do not count if a perfect camera
+    fits under one: they make up for what a sky does."""
     part = sample(cube, left_out, FEWEST_PIXELS)
     seen = np.flatnonzero(~library.is_mirror(cube.wavelength_um))
     if part is None or len(seen) < LEAST_MATERIALS:
@@ -79,7 +78,7 @@ def missing_sky(cube, environment, camera, usual, under_sky, looks, library, lef
         at = at if off == RIGHT else skies.likeliest_air(off)
     else:
         of_right = worth(at, RIGHT, [RIGHT])
-        if of_right < SKY_WORTH:  # nor is it more if the camera may be another
+        if of_right < SKY_WORTH:  # another camera would not make it more
             return None
         if fit and of_right >= PLAIN:
             return skies.air(at)
@@ -89,8 +88,8 @@ def missing_sky(cube, environment, camera, usual, under_sky, looks, library, lef
 
 
 class _Skies:
-    """Skies of air that is so many K warmer and so many octaves drier than is usual, and pixels (a
-    HeatCube) under them, seen being the materials that count; other arguments as there."""
+    """Skies of air that is so many K warmer and so many octaves drier than usual, and pixels (a
+    HeatCube) under them; seen are the materials that count; other arguments as above."""
 
     def __init__(self, part, usual, under_sky, looks, library, seen):
         self.part, self.usual, self.under_sky = part, usual, under_sky
@@ -103,7 +102,7 @@ class _Skies:
         return usual_atmosphere(self.usual.air_temperature_k + warmer_k, HUMIDITY * 2.0**-drier)
 
     def pixels(self, at, seen):
-        """The SampledPixels, of materials that are seen."""
+        """The SampledPixels, with the materials seen."""
         environment = self.under_sky(self.air(at))
         return SampledPixels(self.part, environment, self.library, self.looks, seen)
 
@@ -112,7 +111,7 @@ class _Skies:
         return self.pixels(at, self.seen).nats(self.look, c)
 
     def likeliest(self, some, c):
-        """That of some airs by which pixels corrected by a Calibration are likeliest."""
+        """The one of some airs that makes pixels corrected by a Calibration likeliest."""
         nats_of = NegativeLogEvidence(lambda at: self.nats(at, c), self.look.at_once)
         loss = losses(nats_of.each(some))
         (k, octaves), *_ = STEPS
@@ -120,7 +119,7 @@ class _Skies:
         return min(some, key=lambda at: loss[at] + unusual(at))
 
     def likeliest_air(self, c):
-        """That of all."""
+        """The one of all airs."""
         every = [(warmer_k, drier) for warmer_k in WARMER_K for drier in DRIER]
         best = self.likeliest(every, c._replace(noise=MORE))
         noise = MORE * max(self.pixels(best, self.seen).left_at(c)(MORE), 1.0)
@@ -131,16 +130,16 @@ class _Skies:
         return best
 
     def fit(self, at):
-        """Whether pixels fit."""
+        """Whether the pixels fit."""
         return fits(self.pixels(at, self.seen).left(RIGHT), self.part)
 
     def tell_gains(self, at):
-        """Whether they can tell gains of the bands."""
+        """Whether they can reveal gains of the bands."""
         return self.pixels(at, self.seen).tell_bands_from_curves
 
     def likeliest_gains(self, some):
-        """Calibration by that gain or those of the bands, found under skies of some airs, by which
-        pixels are likeliest."""
+        """Calibration with the gain or the band gains, found under the skies of some airs, that
+        make pixels likeliest."""
         nats = {RIGHT: self.nats(some[0], RIGHT)}
         of_all = (GAIN,) if self.part.bands >= FEW_UNDER_SKY else ()
         for at in some:

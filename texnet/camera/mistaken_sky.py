@@ -1,7 +1,7 @@
 """Whether what was taken for a little sky in view is metal that mirrors it.
 
-It looks much the same, but the sky near the horizon, which is in view, is warmer than that overhead
-which metal mirrors, and an environment is estimated from it: where it is metal, little fits then.
+It looks much the same, but the sky near the horizon, which is in view, is warmer than the one
+overhead, which metal mirrors. An environment estimated from metal as if it were sky fits little.
 """
 
 from .correction import RIGHT
@@ -15,8 +15,7 @@ LITTLE = 0.05  # of the pixels
 
 def mistaken_sky(cube, environment, another, looks, library, left_out=None):
     """Whether the pixels of a HeatCube do not fit in an Environment, and are likelier by SKY_WORTH
-    in another, that of another(), which found no sky in view; other arguments as of
-    `calibration`."""
+    in another(), an Environment found without sky in view; other arguments as in `calibration`."""
     part = sample(cube, left_out)
     if part is None:
         return False

@@ -1,6 +1,6 @@
-"""Minus the log evidence of pixels, by what may be wrong with the camera before them.
+"""Minus the log evidence of pixels, given what may be wrong with the camera.
 
-A search asks for it again and again, and for that of many cameras at once.
+A search asks for it again and again, and for many cameras at once.
 """
 
 import numpy as np
@@ -9,11 +9,11 @@ from physics.machinery.threads import in_threads
 
 
 class NegativeLogEvidence:
-    """Minus log evidence, nats, of pixels, (P,) or (height, width), infinite where nothing looks
-    like that: of(what), computed once for each what, which is hashable, mostly a Calibration.
+    """Minus log evidence, nats, of pixels, (P,) or (height, width), infinite where nothing fits at
+    all: of(what), computed once for each hashable what, mostly a Calibration.
 
-    As many are computed at_once as `methods.Look` says; but until one is finite one by one, as the
-    first fixes the basis of the network's spectra, by which all others can be compared with it."""
+    at_once are computed in parallel, as in `methods.Look`; but one by one until one is finite,
+    since the first fixes the basis of the network's spectra, which makes all comparable with it."""
 
     def __init__(self, of, at_once=1):
         self._of, self._at_once, self._known, self._answered = of, at_once, {}, False
@@ -22,7 +22,7 @@ class NegativeLogEvidence:
         return self.each([what])[what]
 
     def each(self, some):
-        """{what: nats} of some."""
+        """{what: nats} for each of some."""
         new = [what for what in dict.fromkeys(some) if what not in self._known]
         while new and not self._answered:
             what = new.pop(0)

@@ -1,7 +1,7 @@
-"""A gain, an offset or wrong wavelengths of the camera, where the scene itself shows one of them.
+"""A gain, an offset or a wavelength error of the camera, where the scene itself shows one of them.
 
-A camera of gain g and offset o shows g S + o. Of Eq. 1 only the glow is known beforehand; the
-light that is reflected was seen by the same camera, so that with e, T and V as they are it shows
+A camera of gain g and offset o shows g S + o. In Eq. 1 only the glow is known beforehand; reflected
+light was seen by the same camera, so that with e, T and V unchanged it shows
 
     g S + o = e (g B(T) + o) + (1 - e) X',       X' = g X + o
 
@@ -10,11 +10,10 @@ leave the simplex. An offset shows less: what it adds to a body at 300 K looks l
 only colder surfaces tell them apart. Wavelengths off by a tenth of a band move the flanks of all
 curves, and of the sky's lines, at once; a gain of half a per cent looks half like that.
 
-Of all gains alone, all offsets alone and all shifts alone that one is taken by which the pixels are
-likeliest, if it is by far, if not one of another kind does nearly as well, and if it is not the
-last that was tried; an offset only where the sky is in view. A gain or an offset that is likelier
-than none, but not by as much, is suspected. A pixel counts at most ENOUGH nats: what the library
-does not explain has no more to say.
+Of all single gains, offsets and shifts, the one that makes the pixels likeliest is accepted, if by
+far, if none of another kind does nearly as well, and if it is not the last one tried; an offset
+only if the sky is in view. A gain or an offset that is likelier than none, but by too little, is
+suspected. A pixel counts at most ENOUGH nats: what the library does not explain has no more to say.
 """
 
 from collections.abc import Callable
@@ -25,19 +24,19 @@ import numpy as np
 from .correction import RIGHT, Calibration
 
 ENOUGH = 5.0  # nats above the typical pixel's
-STRIDE = 4  # steps, where they are large
-# bands under a sky that is assumed, below which nothing of all this is looked for: a gain would
-# make up for what the true sky is another. Under another model's sky T was off by 0.9 to 1.6 K then
-# in a third of 20 views, and by up to 0.7 K without
+STRIDE = 4  # steps, where the error is large
+# bands under an assumed sky, below which none of this is looked for: a gain would make up for the
+# difference to the true sky. Under another model's sky T was then off by 0.9 to 1.6 K in a third of
+# 20 views, and by up to 0.7 K without
 FEW_UNDER_SKY = 20
-SUSPECT = 0.25  # nats per pixel over a right camera, and at most as many below the likeliest
+SUSPECT = 0.25  # nats per pixel, at least, over a perfect camera, and at most below the likeliest
 
 
 class Kind(NamedTuple):
-    """What may be wrong: of(error) is its Calibration; the steps of the search, how far they go,
-    and how far STRIDE of them at a time; which errors are looked at first; the least that counts;
-    the nats per pixel that it must gain; and its lead: of two kinds the lesser is what the likelier
-    must be ahead by."""
+    """A kind of error: of(error) is its Calibration; step of the search; most, its limit, and
+    farthest, the limit for steps of STRIDE; first, the errors looked at first; least, the smallest
+    that counts; worth, the nats per pixel it must gain; lead, of which the lesser of two kinds' is
+    what the likelier must be ahead by."""
 
     of: Callable
     step: float
@@ -50,7 +49,7 @@ class Kind(NamedTuple):
 
 
 class Best(NamedTuple):
-    """The error of a kind by which the pixels are likeliest, and whether the search ended there."""
+    """The error of a kind that makes the pixels likeliest, and whether the search ended there."""
 
     kind: Kind
     error: float
@@ -73,16 +72,16 @@ LEVELS = GAIN, OFFSET
 
 
 def shift_kind(wavelength_um):
-    """The Kind of bands (bands,) in um that are all off by parts of the distance between them; half
-    a step of the search is the least that is found."""
+    """The Kind for bands (bands,) in um that are all shifted by parts of their spacing; the least
+    that is found is half a step of the search."""
     spacing = float(np.median(np.diff(wavelength_um)))
     of = lambda error: Calibration(shift_um=round(error * spacing, 5))
     return Kind(of, 0.1, 0.6, 0.6, (0.1, 0.3), 0.05, 0.5, 0.05)
 
 
 def one_error(nats_of, sky, kinds):
-    """The Calibration by which the pixels are likeliest, RIGHT if none is taken; and then those of
-    LEVELS that are suspected.
+    """The Calibration that makes the pixels likeliest, RIGHT if none is accepted; and the suspected
+    ones of LEVELS.
 
     nats_of  NegativeLogEvidence of the pixels, corrected by a Calibration
     sky      whether it is in view
@@ -90,7 +89,7 @@ def one_error(nats_of, sky, kinds):
 
     A first look at a few errors tells whether there is anything to find. Then all steps of all
     kinds are tried, those between the best of each and its neighbours if these are STRIDE away,
-    half a step around the best, and the lowest of a parabola there.
+    half a step around the best, and the minimum of a parabola there.
     """
     tried = [RIGHT, *first_look(kinds)]
     loss = losses(nats_of.each(tried), np.median(nats_of(RIGHT)))
@@ -103,7 +102,7 @@ def one_error(nats_of, sky, kinds):
     lead = {b: loss[b.calibration] - loss[first.calibration] for b in others}
     enough = gained >= first.kind.worth and abs(first.error) >= first.kind.least
     alone = all(lead[b] >= min(first.kind.lead, b.kind.lead) for b in others)
-    # what is right may lie beyond (a shift's is for the ozone to show)
+    # the truth may lie beyond (a shift's is shown by the ozone)
     nearly = [b for b in others if b.kind in LEVELS and lead[b] < gained / 2]
     ends = first.at_end or any(b.at_end for b in nearly)
     # a sky that was missed looks like an offset
@@ -118,12 +117,12 @@ def one_error(nats_of, sky, kinds):
 
 
 def first_look(kinds):
-    """The Calibrations that tell whether there is anything of these kinds to find."""
+    """The Calibrations that tell whether there is an error of these kinds."""
     return [k.of(sign * error) for k in kinds for error in k.first for sign in (-1, 1)]
 
 
 def _best_of(kind, tried, nats_of):
-    """The Best of a Kind; the Calibrations of its search are added to those tried."""
+    """The Best of a Kind; the Calibrations of its search are added to tried."""
 
     def loss_of(errors):
         of = [kind.of(error) for error in errors]
@@ -138,7 +137,7 @@ def _best_of(kind, tried, nats_of):
     n, last = (round(error / kind.step) for error in (kind.most, kind.farthest))
     sizes = [*range(1, n + 1), *range(n + STRIDE, last + 1, STRIDE)]
     steps = sorted(sign * kind.step * i for i in sizes for sign in (-1, 1))
-    # a shift may leave the library, and each does where that reaches no farther than the bands
+    # a shift may leave the library; every shift does if it covers no more than the bands
     nats = nats_of.each([kind.of(e) for e in steps])
     steps = [e for e in steps if np.isfinite(nats[kind.of(e)]).any()]
     if not steps:
@@ -154,16 +153,16 @@ def _best_of(kind, tried, nats_of):
 
 
 def losses(all_nats, typical=None):
-    """{what: nats per pixel} of {what: minus log evidence of pixels (P,)}, of which none counts
-    more than ENOUGH over the typical pixel's: that of the likeliest if None."""
+    """{what: nats per pixel} from {what: minus log evidence of pixels (P,)}, each limited
+    to ENOUGH over the typical pixel's (None: that of the likeliest)."""
     if typical is None:
         typical = min(np.median(nats) for nats in all_nats.values())
     return {c: np.minimum(nats, typical + ENOUGH).mean() for c, nats in all_nats.items()}
 
 
 def lowest(below, at, above):
-    """Where parabolas through values at -1, 0 and 1 are least, within these; 0 where they are
-    straight lines, or the wrong way up."""
+    """Where parabolas through values at -1, 0 and 1 have their minimum, clipped to that range; 0
+    where they are straight lines, or open downwards."""
     curvature = np.asarray(below - 2 * at + above)
     minimum = np.divide(
         below - above, 2 * curvature, out=np.zeros(curvature.shape), where=curvature > 0

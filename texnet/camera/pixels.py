@@ -1,4 +1,4 @@
-"""Some pixels of a cube, of which is asked how well they fit what may be wrong with the camera."""
+"""A sample of a cube's pixels, to test how well they fit a possible error of the camera."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,18 +20,18 @@ from .distances import far, likeliest_octaves
 from .misfit import MORE, few, just, left_of
 from .nats import NegativeLogEvidence
 
-LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; that are not sky
-LEAST_BANDS = 6  # fewer say too little: a library's errors look like a gain's
+LEAST_PIXELS, LEAST_GROUND = 100, 20  # in all; without sky
+LEAST_BANDS = 6  # with fewer, errors of the library look like a gain
 LEAST_OBJECTS = 2
 LEAST_OF_KIND, LEAST_KINDS = 8, 2  # pixels of a material; materials that must agree
-SAMPLES, MOST_SAMPLES = 500, 20_000  # pixels that say something; to find them among
+SAMPLES, MOST_SAMPLES = 500, 20_000  # usable pixels; pixels among which to find them
 QUARTER = 0.25  # of the pixels: those that fit best
-MOST = 0.68  # of the pixels, as of errors within a standard deviation
+MOST = 0.68  # of the pixels, as of errors within one standard deviation
 
 
 class SampledPixels:
-    """Pixels of a HeatCube (`sample`) in an Environment, and looks, a `methods.Method`'s, which
-    explain them by a MaterialLibrary, or by those of its materials that are seen, as indices."""
+    """Pixels of a HeatCube (`sample`) in an Environment, and looks of a `methods.Method`, which
+    explain them with a MaterialLibrary, or with those of its materials in seen, indices."""
 
     def __init__(
         self,
@@ -43,26 +43,25 @@ class SampledPixels:
     ):
         self.cube, self.environment, self.library, self.looks = cube, environment, library, looks
         self.seen = np.arange(len(library)) if seen is None else seen
-        self._distances = {}  # by (Calibration, noise): they are asked for again and again
+        self._distances = {}  # by (Calibration, noise), as they are needed repeatedly
 
     @property
     def tell_bands_from_curves(self):
-        """Whether what is left can say which of them is wrong: too much of few bands is explained,
-        and what a single object misses, it misses in all materials."""
+        """Whether the misfit can tell wrong bands from wrong curves: with few bands too much is
+        explained, and what a single object misses, it misses in all materials."""
         return not few(self.cube) and len(self.environment) >= LEAST_OBJECTS
 
     def maps(self, environment, cube, look=None):
-        """Maps of a HeatCube of the pixels by a Look, one of their own if None."""
+        """Maps of the pixels in a HeatCube by a Look; a new one if None."""
         return (look or self.looks())(environment, cube, self.seen)
 
     def corrected_maps(self, c, noise):
-        """Maps of the pixels corrected by a Calibration, at the distances that are likeliest at a
-        noise."""
+        """Maps of the pixels corrected by a Calibration, at the distances likeliest at a noise."""
         taken = corrected(self.cube, c, self.distances(c, noise))
         return self.maps(corrected_environment(self.environment, c), taken)
 
     def nats_of(self):
-        """NegativeLogEvidence of the pixels, corrected by a Calibration, by a Look of their own."""
+        """NegativeLogEvidence of the pixels, corrected by a Calibration, with a new Look."""
         look = self.looks()
         return NegativeLogEvidence(partial(self.nats, look), look.at_once)
 
@@ -80,7 +79,7 @@ class SampledPixels:
         return np.where(np.isfinite(nats), nats, np.inf)
 
     def distances(self, c, noise):
-        """Distances that are likeliest at a noise, by a Calibration's Air; None without."""
+        """The Distances likeliest at a noise, with a Calibration's Air; None without air."""
         if not c.air:
             return None
         if (c, noise) not in self._distances:
@@ -91,8 +90,8 @@ class SampledPixels:
         return self._distances[c, noise]
 
     def contrast_k(self, c, noise):
-        """K by which half of the ground differs from the Air of a Calibration, in the band that it
-        lets most through, at the distances that are likeliest at a noise; 0 where all is sky."""
+        """K by which half of the ground differs from a Calibration's Air, in the band that it
+        transmits best, at the distances likeliest at a noise; 0 if all is sky."""
         ground = ~like_sky(self.cube.spectra, self.environment, self.cube.sigma)
         if not ground.any():
             return 0.0
@@ -102,20 +101,20 @@ class SampledPixels:
         return float(np.median(np.abs(s - planck(w, air_k))) / planck_derivative(w, air_k))
 
     def moved_k(self, maps, other):
-        """K by which T of most of the ground of maps differs from that of others."""
+        """K by which T differs between two maps on most of the ground."""
         moved = np.abs(maps["temperature_k"] - other["temperature_k"])
         moved = moved[(maps["material"] != self.library.sky_index) & np.isfinite(moved)]
         return float(np.quantile(moved, MOST)) if moved.size >= LEAST_GROUND else 0.0
 
     def quartile(self, maps):
-        """What is left, in noise units, even of the ground's pixels that fit best; 0 where there
-        are too few to say."""
+        """The residual, in noise units, of the best-fitting ground pixels; 0 if there are too
+        few to say."""
         residual = maps["residual"][maps["material"] != self.library.sky_index]
         residual = residual[np.isfinite(residual)]
         return float(np.quantile(residual, QUARTER)) if residual.size >= LEAST_GROUND else 0.0
 
     def left(self, c, distances=None):
-        """`quartile` of what is corrected by a Calibration, at Distances, in noise units as stated
+        """`quartile` after correction by a Calibration at Distances, in stated noise units
         (`misfit`)."""
         at = self.left_at(c, distances)
         left, nothing = left_of(at, rises=few(self.cube)), just(self.cube)
@@ -124,7 +123,7 @@ class SampledPixels:
         return left
 
     def left_at(self, c, distances=None):
-        """The same where the noise is so many times as much: noise -> what is left."""
+        """The same as a function of the factor on the noise: noise -> what is left."""
         stated = corrected(self.cube, c, distances).netd_k
 
         def at(noise):
@@ -137,9 +136,9 @@ class SampledPixels:
 
 
 def sample(cube, left_out=None, least=LEAST_PIXELS):
-    """A HeatCube of about SAMPLES of its pixels, in rows and columns; row by row without those that
-    are left out, (height, width) bool. None where there are fewer than LEAST_BANDS, or pixels than
-    so many, at least: too few to say anything."""
+    """A HeatCube of about SAMPLES of its pixels, on a grid; as a list of rows without those
+    left_out, (height, width) bool, if any. None with fewer than LEAST_BANDS, or fewer pixels than
+    least: too few to say anything."""
     if cube.bands < LEAST_BANDS:
         return None
     height, width = cube.shape
@@ -147,7 +146,7 @@ def sample(cube, left_out=None, least=LEAST_PIXELS):
     pixels = min(SAMPLES * good.size // max(1, np.count_nonzero(good)), MOST_SAMPLES)
     down = min(max(1, int((height * width / pixels) ** 0.5)), height)
     across = max(1, -(-height // down) * width // pixels)
-    if across > width:  # of a narrow picture one column says enough
+    if across > width:  # of a narrow picture one column is enough
         down = height // pixels
     bands = scratch.parts(cube.radiance)
     radiance = np.stack([band[::down, ::across] for band in bands])

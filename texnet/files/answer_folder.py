@@ -1,4 +1,4 @@
-"""The folder that `texnet decompose` writes, which is looked at before the work is done."""
+"""The folder that `texnet decompose` writes, checked before the work is done."""
 
 import os
 from pathlib import Path
@@ -12,9 +12,9 @@ FILES = ("decomposition.npz", "tex_vision.png", "maps.png", "comparison.png", "m
 
 
 def check_directory(directory, *inputs, names=FILES):
-    """Raise InputError, before the work, if no folder could be made or written there.
+    """Raise InputError, before the work, if no folder could be created or written there.
 
-    inputs  what is read, paths or None: none of the files may be written over it
+    inputs  paths that are read, or None: the files must not overwrite any of them
     names   of the files
     """
     directory = Path(directory)

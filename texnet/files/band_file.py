@@ -1,5 +1,5 @@
-"""Bands on disk, as JSON: {"wavelength_um": [centres], "fwhm_um": [widths]}, both in um, and, where
-they are no boxes, "response": "gaussian"."""
+"""Bands on disk, as JSON: {"wavelength_um": [centres], "fwhm_um": [widths]}, both in um, and, if
+they are not boxes, "response": "gaussian"."""
 
 import json
 
@@ -13,7 +13,7 @@ from physics.machinery.whole_file import whole_file
 
 
 def read_bands(path):
-    """Centres and widths, each (bands,) um, and their response; InputError says what is wrong with
+    """Centres and widths, each (bands,) um, and their response. InputError says what is wrong with
     the file."""
     wanted = "must be JSON with lists wavelength_um and fwhm_um, in um"
     data = read_json(path, "bands", f"; it {wanted}")

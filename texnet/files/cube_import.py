@@ -1,18 +1,18 @@
 """Third-party cubes, turned into a HeatCube, with a note of what was converted.
 
-ENVI: `.hdr` beside its binary; see `envi`. The unit of radiance is the caller's to say.
+ENVI: `.hdr` beside its binary; see `envi`. The caller states the unit of radiance.
 
 HADAR `.mat` (up to v7): `S` or `HSI`, height x width x bands, W m-2 sr-1 per cm-1. The bands are
 not in the file, so the caller states them: equidistant in wavenumber, in the file's order.
 
-TeX-1500 `.mat` or `.npz`: a cube of either axis order, wavelengths in um, of all its bands or of
-the good ones alone, and these bands' indices or a mask; of the lists of keys below the first that
-is there, of wavelengths the first that fits; widths of the same bands and NETD, if they are there.
-The unit is the caller's to say.
+TeX-1500 `.mat` or `.npz`: a cube of either axis order; wavelengths in um, of all its bands or of
+the good ones only; and these bands' indices or a mask. Of the lists of keys below the first key
+present is used, for wavelengths the first that fits. Widths of the same bands and NETD are used if
+present. The caller states the unit.
 
-`.npy`: (bands, height, width); bands and unit are the caller's to say.
+`.npy`: (bands, height, width); the caller states bands and unit.
 
-Heat cubes themselves (`cube_io`), of which a part is wanted.
+Parts of heat cubes themselves (`cube_io`).
 """
 
 import os
@@ -62,25 +62,25 @@ def import_cube(
 ) -> tuple[HeatCube, str]:
     """Read the cube at path (.hdr or its binary, .mat, .npz, .npy, .exr; see the module).
 
-    unit             of its radiance, one of `units.UNIT_NAMES`; where the file leaves it open
+    unit             of its radiance, one of `units.UNIT_NAMES`; if the file does not state it
     wavelengths_um, wavenumbers_cm1
-                     of the first and the last band, equidistant; one of them, where the file
-                     does not say where its bands lie
-    netd_k           noise at 300 K, K, if it is known
+                     of the first and the last band, equidistant; one of the two, if the file does
+                     not state its bands
+    netd_k           noise at 300 K, K, if known
     progress         called as progress(done, total, what)
-    fwhm             full width of each band at half maximum, where the file does not say it: um, or
-                     cm-1 where the bands are in cm-1
-    response         of the bands, "box" or "gaussian"; "box" if None, unless the file says another
+    fwhm             full width of each band at half maximum, if the file does not state it: um, or
+                     cm-1 if the bands are in cm-1
+    response         of the bands, "box" or "gaussian"; "box" if None, unless the file states one
     rows, columns, range_um
                      a part of it: slices, and the lowest and the highest band centre in um
 
-    Returns (HeatCube, note): one sentence on what was converted from what, and a warning below it
-    where the scene's temperature is unusual. A large cube is not held in memory (but for a .mat,
-    which is at most 4 GB). Raises InputError if the file is damaged or leaves open what its numbers
-    mean.
+    Returns (HeatCube, note): one sentence on what was converted from what, followed by a warning
+    if the scene's temperature is unusual. A large cube is not held in memory (except from a .mat,
+    which is at most 4 GB). Raises InputError if the file is damaged or leaves the meaning of its
+    numbers open.
     """
     path = Path(path)
-    if not os.path.isfile(path):  # unlike Path's, False where it may not be looked at
+    if not os.path.isfile(path):  # unlike Path.is_file, False where access is denied
         what = "is a folder" if os.path.isdir(path) else "does not exist"
         raise InputError(f"cube: {path} {what}; give a file.")
     if unit is not None and (unit := unit_of(str(said := unit))) is None:
@@ -99,7 +99,7 @@ def import_cube(
         if raw.what == HEAT_CUBE and unit not in (None, raw.unit):
             raise InputError(f"cube: {path} states its unit, {raw.unit}; leave out --unit.")
         if raw.what.startswith(HADAR_MAT) and wavelengths_um is not None:
-            raw = raw._replace(unit=None)  # an array of that name, but no published cube
+            raw = raw._replace(unit=None)  # an array of that name, but not a published cube
         raw = _with_bands(raw, path, wavelengths_um, wavenumbers_cm1)
         raw = _with_width(raw, path, fwhm)
         raw = raw if response is None else raw._replace(response=response)
@@ -149,7 +149,7 @@ def _read(path, unit):
 
 
 def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
-    """raw with the band centres that the caller states, where the file does not."""
+    """raw with the band centres that the caller states, if the file does not."""
     stated = wavelengths_um is not None or wavenumbers_cm1 is not None
     if raw.centre is not None and stated:
         raise InputError(
@@ -176,7 +176,7 @@ def _with_bands(raw, path, wavelengths_um, wavenumbers_cm1):
 
 
 def _with_width(raw, path, fwhm):
-    """raw with the width that the caller states of every band, where the file does not."""
+    """raw with the width of every band that the caller states, if the file does not."""
     if fwhm is None:
         return raw
     width = numbers(fwhm, "cube: fwhm")
@@ -192,7 +192,7 @@ def _with_width(raw, path, fwhm):
 
 
 def _read_ours(path):
-    """A RawCube of what is a heat cube already, of which a part may be wanted."""
+    """A RawCube of what already is a heat cube, of which a part may be wanted."""
     cube = read_cube(path)
     measured, stated = cube.measured(), cube.fwhm_um.any()
     return RawCube(
@@ -231,13 +231,13 @@ def _read_mat(path):
 
 
 def _of_one_band(array):
-    """An array with the third axis, of one band, that MATLAB drops."""
+    """An array with the third axis restored that MATLAB drops for a single band."""
     return array[..., None] if array is not None and array.ndim == 2 else array
 
 
 def _read_npz(path, unit):
     held, arrays = some_arrays(path, (*WAVELENGTH, *GOOD_BANDS, *WIDTH, NETD, RESPONSE))
-    # of which unit and axes it is, our own need not say
+    # our own files need not state unit and axes
     ours = OUR_ARRAYS <= set(held) and set(held).isdisjoint(GOOD_BANDS)
     if ours and unit is None and _in_order(arrays):
         return _read_ours(path)
@@ -248,19 +248,20 @@ def _read_npz(path, unit):
 
 
 def _in_order(arrays):
-    """Whether the wavelengths and widths among arrays are those of a heat cube, but for values."""
+    """Whether wavelengths and widths among arrays are those of a heat cube, except for values."""
     w, width = arrays["wavelength_um"], arrays.get(WIDTH[0])
     ordered = w.dtype.kind in "fiu" and w.ndim == 1 and (np.diff(w.astype(float)) > 0).all()
     return ordered and (width is None or width.shape == w.shape)
 
 
-# of axes that may be either
+# if the axis order is ambiguous
 OTHERWISE = "; leave out a row, or save it as .npz, as radiance, bands first, and wavelength_um"
 
 
 def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
-    """A RawCube of what a TeX-1500 file holds (names), of some of its arrays, and of what loads
-    its cube, by one of the names cubes; of our own layout bands come first where they may."""
+    """A RawCube from a TeX-1500 file that holds arrays of these names, given some of them, and
+    load, which reads its cube by one of the names cubes; in our own layout bands come first if
+    they can."""
     cube, indices = _first(cubes, held), _first(GOOD_BANDS, arrays)
     found = {key: arrays[key].ravel() for key in WAVELENGTH if key in arrays}
     if cube is None or not found:
@@ -300,7 +301,7 @@ def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
     if good_alone:
         order = slice(None) if _is_mask(listed, len(s)) else np.argsort(listed)
 
-        def of_all(of_good):  # of bad bands it is not known
+        def of_all(of_good):  # unknown for bad bands
             every = np.zeros(len(s))
             every[good] = of_good[order]
             return every
@@ -318,7 +319,7 @@ def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
 
 
 def _known(key, arrays, path):
-    """(n,) the numbers of an array; None where it is not there, or says nothing."""
+    """(n,) the numbers of an array; None if it is absent, or says nothing."""
     array = np.ravel(arrays.get(key, ()))
     if array.dtype.kind == "f" and np.isnan(array).all():  # or empty
         return None
@@ -326,9 +327,9 @@ def _known(key, arrays, path):
 
 
 def _where(s, found, listed, ours):
-    """(key, axis, alone) of a cube s, of wavelengths by key and of the good bands as listed: the
-    first wavelengths that fit one of its ends, or both if it is ours, else those of the good bands
-    alone, where bands lie along the shorter end, if both are long enough. axis is None where
+    """(key, axis, alone) of a cube s, given wavelengths by key and the good bands as listed: the
+    first wavelengths that fit one of its ends (the first end, if it is ours); else those of the
+    good bands alone, with bands along the shorter end, if both are long enough. axis is None if
     nothing fits."""
     first, ends = next(iter(found)), {}
     if s is not None and s.ndim == 3:
@@ -349,14 +350,14 @@ def _where(s, found, listed, ours):
 
 
 def _is_mask(listed, bands):
-    """Whether what is listed says of each band whether it is good (of three and more: two that are
-    listed by 0 and 1 are indices)."""
+    """Whether listed is a mask of good bands (if there are three or more: with two, 0 and 1 are
+    indices)."""
     return listed.size == bands > 2 and set(listed) <= {0, 1}
 
 
 def _good_bands(listed, key, bands):
-    """((bands,) bool, words, doubt) of a mask of bands, or a list of indices, which count from 0
-    where they may."""
+    """((bands,) bool, words, doubt) from a mask of bands, or a list of indices, which count from 0
+    if they can."""
     if _is_mask(listed, bands):
         return listed.astype(bool), [f"{key} is a mask"], ""
     count_from = 1 if listed.size and listed.min() >= 1 and listed.max() == bands else 0

@@ -2,16 +2,16 @@
 
 `.exr`: one float32 channel per band, in the layout of Fichet, Pacanowski and Wilkie, "An
 OpenEXR Layout for Spectral Images" (JCGT 2021): `S0.8055,555556nm` is the emitted radiance
-at 8055.555556 nm. That layout says W m-2 sr-1 but not per what, so attributes of our
-own complete it:
+at 8055.555556 nm. That layout says W m-2 sr-1 but not per what, so attributes of our own complete
+it:
 
     texnetSpectralDensity  "um^-1": the radiance is per um of wavelength
     texnetFwhmUm           one band width in um per band, ascending, space-separated
     texnetResponse         of the bands: "box" (if left out) or "gaussian"
-    texnetNetdK            NETD in K at 300 K; left out if not known
+    texnetNetdK            NETD in K at 300 K; left out if unknown
 
 `.npz`: arrays radiance (bands, height, width) in W m-2 sr-1 um-1, wavelength_um (bands,)
-and, if known, fwhm_um (bands,), netd_k (a scalar; NaN: not known) and response (a text: "box" or
+and, if known, fwhm_um (bands,), netd_k (a scalar; NaN: unknown) and response (a text: "box" or
 "gaussian").
 """
 
@@ -47,7 +47,7 @@ EXPONENT = {
     "da": 1, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12,
 }  # fmt: skip
 EXR_UNITS = "W.m^-2.sr^-1"
-# W m-2 sr-1 per this, times the factor, is W m-2 sr-1 per um.
+# W m-2 sr-1 per this unit, times the factor, is W m-2 sr-1 per um.
 EXR_DENSITIES = {".um^-1": 1.0, ".nm^-1": 1e3, ".m^-1": 1e-6}
 READ_BYTES = 1 << 26  # at once
 RESPONSE = "response"
@@ -56,22 +56,22 @@ SPEED_OF_LIGHT_UM = Decimal("2.99792458e14")  # um s-1
 
 
 def truth_path(cube_path):
-    """Where the truth of a simulated cube lies: beside it."""
+    """Path of the truth of a simulated cube, beside the cube."""
     return Path(cube_path).with_suffix(".truth.npz")
 
 
 def read_cube(path: Path | str) -> HeatCube:
     """Read a heat cube from an .exr or .npz file (see the module for their layouts).
 
-    Bands come back in um and W m-2 sr-1 um-1 whatever the file's own units, an .exr's in ascending
-    order (an .npz's must be so). A large cube is not held in memory but unpacked into a temporary
-    file.
+    Bands are returned in um and W m-2 sr-1 um-1 whatever the file's units, those of an .exr in
+    ascending order (those of an .npz must be). A large cube is not held in memory but unpacked into
+    a temporary file.
 
     Raises InputError if the file is missing, damaged, or leaves its units open.
     """
     path = Path(path)
     read, _ = _format(path)
-    if not os.path.exists(path):  # unlike Path's, False where it may not be looked at
+    if not os.path.exists(path):  # unlike Path.exists, False where access is denied
         raise InputError(f"cube: there is no file {path}.")
     if path.is_dir():
         raise InputError(f"cube: {path} is a folder, not a cube.")
@@ -79,7 +79,7 @@ def read_cube(path: Path | str) -> HeatCube:
         raise InputError(f"cube: {path} may not be read; check its permissions.")
     try:
         return read(path)
-    except UnicodeDecodeError as e:  # some only when looked at
+    except UnicodeDecodeError as e:  # some are raised only on access
         raise InputError(f"cube: {path} holds names or attributes that are not UTF-8.") from e
 
 
@@ -95,10 +95,10 @@ def write_cube(cube: HeatCube, path: Path | str) -> None:
 
 def check_cube_path(path, *inputs):
     """Raise InputError, before the work, if no cube could be written at path, or if it is one of
-    inputs, paths or None that are read."""
+    inputs, paths that are read, or None."""
     check_writable(path, *inputs, suffix=_FORMATS)
     _format(Path(path))
-    if Path(path).suffix.lower() == ".exr" and os.path.islink(path):  # what it leads to is written
+    if Path(path).suffix.lower() == ".exr" and os.path.islink(path):  # the target is written
         check_exr_name(os.path.realpath(path))
 
 
@@ -119,7 +119,7 @@ def channel_wavelength_um(name):
     try:
         value = Decimal(number).scaleb(EXPONENT[prefix])
         return float(value.scaleb(6) if unit == "m" else SPEED_OF_LIGHT_UM / value)
-    except ArithmeticError as e:  # a number of too many digits
+    except ArithmeticError as e:  # a number with too many digits
         raise InputError(f"cube: channel {name!r} names no wavelength or frequency.") from e
 
 
@@ -163,14 +163,14 @@ def _read_npz(path):
 
 
 def response_of(array):
-    """What an array of one text says; whether that is a response HeatCube looks at."""
+    """The text in an array, and whether that is a response that HeatCube supports."""
     return str(array.item() if array.size == 1 else array)
 
 
 def some_arrays(path, keys):
-    """The names of all arrays in an npz, and those of these keys that are there -> list, dict."""
+    """Names of all arrays in an npz, and those with these keys, if present -> list, dict."""
     try:
-        # Opened here, because np.load leaks the file if it is no whole zip.
+        # Opened here, because np.load leaks the file if the zip is incomplete.
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             return data.files, {key: _plain(data, key, path) for key in keys if key in data.files}
     except InputError:
@@ -192,7 +192,7 @@ def _plain(data, key, path):
 
 
 def unpacked(path, key):
-    """An array of real numbers in an npz as read-only float32, read a part at a time."""
+    """An array of real numbers in an npz as read-only float32, read part by part."""
     try:
         with zipfile.ZipFile(path) as archive, archive.open(f"{key}.npy") as npy:
             version = np.lib.format.read_magic(npy)
@@ -209,10 +209,10 @@ def unpacked(path, key):
                 values = np.frombuffer(npy.read(part.size * dtype.itemsize), dtype)
                 if len(values) < len(part):
                     raise EOFError
-                with np.errstate(over="ignore"):  # infinite, and so said to be
+                with np.errstate(over="ignore"):  # infinity is reported later
                     part[:] = values
                 scratch.release(radiance)
-            npy.read(1)  # at its end the checksum is looked at
+            npy.read(1)  # the checksum is verified at its end
     except InputError:
         raise
     except (*BROKEN_NPZ, KeyError) as e:
@@ -240,13 +240,13 @@ def _write_npz(cube, path):
 # --- spectral OpenEXR --------------------------------------------------------------------
 
 
-_ALONE = threading.Lock()  # both are the process's, not a thread's
+_ALONE = threading.Lock()  # stdout and stderr belong to the process, not to a thread
 
 
 @contextmanager
 def _quiet_library():
-    """Keep OpenEXR's own words on damaged files from stdout (Python's) and stderr (C's). On a sound
-    file it has none: what other threads said meanwhile is said after."""
+    """Keep OpenEXR's messages on damaged files from stdout (Python's) and stderr (C's). It has none
+    on a sound file: what other threads wrote meanwhile is written afterwards."""
     out = io.StringIO()
     with _ALONE:
         try:
@@ -270,7 +270,7 @@ def _quiet_library():
 
 
 def _unheard():
-    """A file for words, or where there is no room for one, nowhere."""
+    """A file for the messages or, if there is no room for one, the null device."""
     try:
         return TemporaryFile()
     except OSError:
@@ -319,7 +319,7 @@ def _scanlines(path, names, window, scale):
 
     (left, top), (right, bottom) = (corner.tolist() for corner in window)
     width, height = right - left + 1, bottom - top + 1
-    step = max(16, READ_BYTES // (4 * width * len(names)) // 16 * 16)  # packed by 16 lines
+    step = max(16, READ_BYTES // (4 * width * len(names)) // 16 * 16)  # packed in 16 lines
     cube = scratch.zeros((len(names), height, width), np.float32)
     kind = Imath.PixelType(Imath.PixelType.FLOAT)
     try:
@@ -330,7 +330,7 @@ def _scanlines(path, names, window, scale):
                 lines = file.channels(names, kind, top + y, top + end - 1)
                 for band, line in zip(cube, lines, strict=True):
                     band[y:end] = np.frombuffer(line, np.float32).reshape(-1, width)
-                    with np.errstate(over="ignore", invalid="ignore"):  # of what means nothing
+                    with np.errstate(over="ignore", invalid="ignore"):  # for meaningless values
                         band[y:end] *= scale
                 scratch.release(cube)
             file.close()
@@ -360,7 +360,7 @@ def _write_exr(cube, path):
 
 
 def _to_per_um(header, path):
-    """Factor from the file's radiance to W m-2 sr-1 um-1; InputError if it is not said."""
+    """Factor from the file's radiance to W m-2 sr-1 um-1; InputError if it is not stated."""
     units = str(header.get("emissiveUnits", "")).replace("\u00b5", "u").replace("\u03bc", "u")
     density = header.get("texnetSpectralDensity")
     if units == EXR_UNITS and density == "um^-1":
@@ -374,7 +374,7 @@ def _to_per_um(header, path):
 
 
 def _numbers(text, attribute, path):
-    """The numbers of one of our text attributes; None if the file lacks it."""
+    """The numbers in one of our text attributes; None if the file lacks it."""
     if text is None:
         return None
     try:

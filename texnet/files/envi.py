@@ -1,17 +1,18 @@
 """ENVI cubes and spectral libraries: a text header beside a binary.
 
-The header's first line is ENVI, then come lines `key = value`; a value in braces is a list, which
-may run over lines; lines that start with ; are comments. The binary is bare numbers after a number
-of bytes, ordered bsq (bands, lines, samples), bil (lines, bands, samples) or bip (lines, samples,
-bands). What is looked at besides: wavelength, wavelength units, fwhm, bbl (0: a bad band), data
-ignore value, data gain values, data offset values, reflectance scale factor (a divisor).
+The header's first line is ENVI, followed by lines `key = value`; a value in braces is a list, which
+may span lines; lines that start with ; are comments. The binary is bare numbers after a number of
+bytes, ordered bsq (bands, lines, samples), bil (lines, bands, samples) or bip (lines, samples,
+bands). Also used: wavelength, wavelength units, fwhm, bbl (0: a bad band), data ignore value, data
+gain values, data offset values, reflectance scale factor (a divisor).
 
-The format has no word for the radiance's unit, but some write one, as data units, radiance data
-units or units: it is taken if it is one of radiance in `units.UNITS`. A unit of wavelength that
-is not known is told by the values. The header's sizes are held against the binary's before anything
-is read.
+The format has no field for the unit of radiance, but some programs write one as data units,
+radiance data units or units: it is used if it is one of radiance in `units.UNITS`. An unknown unit
+of wavelength is inferred from the values. The header's sizes are compared with the binary's before
+anything is read.
 
-A spectral library has a line a spectrum and a sample a band, spectra names, and y axis title.
+A spectral library has one spectrum per line and one band per sample, spectra names, and y axis
+title.
 """
 
 import math
@@ -44,7 +45,7 @@ AXES = {
         "wavenumber (cm^-1)",
     ),
 }  # fmt: skip
-# bands of thermal cameras, which no two units share
+# bands of thermal cameras, in ranges that do not overlap between units
 THERMAL = {"um": (5.0, 20.0), "nm": (5e3, 2e4), "cm-1": (500.0, 2000.0)}
 BINARY = ("", ".bsq", ".bil", ".bip", ".dat", ".img", ".raw", ".bin", ".sc", ".sli")  # suffixes
 CUBES, LIBRARIES = ("envi", "envi standard"), ("envi spectral library",)  # types of files
@@ -76,7 +77,7 @@ def read_envi(path):
         said = f"are {said[:60]!r}" if said else "are missing"
         hint = f", or write Micrometers, Nanometers or Wavenumber where its wavelength units {said}"
     words += not_said
-    if axis is None or centre is None:  # whose unit is that of fwhm
+    if axis is None or centre is None:  # fwhm has the same unit
         axis, centre, fwhm = "um", None, None
     bbl, ignore = header.numbers("bbl", bands), header.ignored()
     said = next((header.word(key) for key in UNIT_KEYS if key in header.fields), "")
@@ -90,13 +91,13 @@ def read_envi(path):
 
 
 class Spectra(NamedTuple):
-    """What a spectral library holds and says.
+    """The content of a spectral library.
 
     names     of the spectra;  values  (spectra, bands) float64, NaN where nothing was measured
     centre    (bands,) in axis: "um", "nm" or "cm-1"; without those that bbl calls bad
-    bad       how many these were
+    bad       number of bad bands
     quantity  y axis title, or the second of the z plot titles
-    scaled    whether a factor of the header was applied
+    scaled    whether a factor in the header was applied
     """
 
     names: tuple[str, ...]
@@ -168,14 +169,14 @@ def _binary_of(header, of):
 
 
 def _beside(path, names):
-    """The files beside path of these names, in their order; in another case if none is spelt so."""
+    """The files beside path of these names, in their order; if none is found, ignoring case."""
     there = [p for p in path.parent.iterdir() if p.is_file()]
     exact = [p for name in names for p in there if p.name == name]
     return exact or [p for name in names for p in there if p.name.lower() == name.lower()]
 
 
 def _numbers(header, binary, kinds):
-    """(dtype, interleave, numbers as in RawCube, bytes that they leave unread)."""
+    """(dtype, interleave, numbers as in RawCube, number of bytes left unread)."""
     shape = tuple(header.whole(size, least=1) for size in ("bands", "lines", "samples"))
     skip, kind = header.whole("header offset", 0), header.whole("data type")
     interleave = header.word("interleave").lower()
@@ -193,7 +194,7 @@ def _numbers(header, binary, kinds):
         if np.any(header.numbers(key)):
             raise header.error(f"{key} is not known here; save the cube without")
     dtype = np.dtype(DTYPES[kind])
-    order = header.whole("byte order", 0)  # as most computers have it
+    order = header.whole("byte order", 0)  # the most common one
     if order > 1:
         raise header.error("byte order must be 0 (little) or 1 (big)")
     dtype = dtype.newbyteorder("<>"[order])
@@ -233,7 +234,7 @@ def _scale(header, bands):
 
 
 class _Header:
-    """The fields of a header, each checked as it is asked for."""
+    """The fields of a header, each checked on access."""
 
     def __init__(self, path, of):
         self.path, self.of = path, of
@@ -241,7 +242,7 @@ class _Header:
             raw = file.read(MOST_HEADER + 1)
         try:
             text = raw.decode("utf-8-sig")
-        except UnicodeDecodeError:  # as older programs write the micro sign
+        except UnicodeDecodeError:  # older programs' micro sign
             text = raw.decode("latin-1")
         first, *lines = text.splitlines() or [""]
         if len(raw) > MOST_HEADER or first.strip().upper() != "ENVI":
@@ -266,20 +267,20 @@ class _Header:
         return InputError(f"{self.of}: {self.path}: {text}.")
 
     def word(self, key, default=None):
-        """The text of a field; without default it must be there."""
+        """The text of a field, which must exist if there is no default."""
         text = self.fields.get(key, default)
         if text is None:
             raise self.error(f"the field {key} is missing")
         return text
 
     def axis(self, centre):
-        """Of its wavelengths, centre: "um", "nm" or "cm-1", and words on it if it is not said, or
-        not by a name that is known, but can be one alone; else None."""
+        """The unit of its wavelengths, centre: "um", "nm" or "cm-1", and words on it if it is not
+        stated by a known name, but only one is possible; else None."""
         said = self.word("wavelength units", "").lower()
         named = next((axis for axis, names in AXES.items() if said in names), None)
         if named or centre is None or said == "index":
             return named, []
-        centre = centre[self.good(centre.size)]  # a bad band's may be anything
+        centre = centre[self.good(centre.size)]  # bad bands may have any value
         for axis, (low, high) in THERMAL.items():
             if low <= centre.min() and centre.max() <= high:
                 why = f"{said[:60]!r} is no unit that is known" if said else "their unit is missing"
@@ -287,15 +288,15 @@ class _Header:
         return None, []
 
     def good(self, bands):
-        """(bands,) bool, what bbl does not call bad; all, if it calls all so."""
+        """(bands,) bool, those that bbl does not call bad; all, if it calls all of them bad."""
         bbl = self.numbers("bbl", bands)
         return np.ones(bands, bool) if bbl is None or not bbl.any() else bbl != 0
 
     def ignored(self):
-        """The finite number that stands for no measurement; None if nothing does, or what is no
-        number anyway."""
+        """The finite number that stands for no measurement; None if there is none, or if it is not
+        a number anyway."""
         text = self.word("data ignore value", "").strip("{} ")
-        if not text or "#" in text:  # as Windows writes what is no number: -1.#IND
+        if not text or "#" in text:  # how Windows writes NaN: -1.#IND
             return None
         try:
             value = float(text)

@@ -4,14 +4,13 @@
     7.995,5.71,8.13
     8.005,5.42,8.14
 
-`text_table` says which texts are tables. Columns named sky..., downwelling..., ldown... or dwr...
-stand for the sky.
+`text_table` defines the tables it reads. Columns named sky..., downwelling..., ldown... or dwr...
+are sky.
 
-Where the rows between the first and the last band are one for each, they are of this camera, or
-were averaged before, and are taken as they are. Any other spectrum is taken as linear between its
-rows, and its mean over each band is what the camera would show: that of exact means over the parts
-of the band that the nodes of `bands.quadrature` stand for, as these are too far apart for the lines
-of a sky.
+If there is one row for each band between the first and the last band, the rows are from this
+camera, or already averaged, and are used as they are. Any other spectrum is interpolated linearly,
+and averaged over each band as the camera would: by exact means over the parts of the band that the
+nodes of `bands.quadrature` stand for, as these nodes are too far apart for the lines of a sky.
 """
 
 import numpy as np
@@ -24,21 +23,21 @@ from physics.errors import InputError
 from .text_table import MAX_GAP_UM, read_table
 
 SKIES = ("sky", "downwelling", "ldown", "dwr")
-SAME_UM = 0.01  # or less between a row and a band: the same
-ROUNDED_UM = 1e-3  # or less of a gap is none
+SAME_UM = 0.01  # largest difference at which a row is at a band
+ROUNDED_UM = 1e-3  # smaller gaps are ignored
 
 
 def read_environment(path, cube):
     """The Environment in the text table at path, at the bands of a HeatCube, and the names of its
     objects, in the file's order.
 
-    Raises InputError where it is no such table, leaves bands open or is no radiance.
+    Raises InputError if it is not such a table, does not cover the bands or is not radiance.
     """
     names, w, spectra, _ = read_table(path, "environment", "object")
     if twice := [name for i, name in enumerate(names) if name in names[:i]]:
         raise InputError(f"environment: {path} has two columns {twice[0]!r}; rename one.")
     w, bands = check_wavelength(w, "environment"), cube.wavelength_um
-    # of a single band, all rows within it
+    # for a single band, all rows within it
     beside = SAME_UM if cube.bands > 1 else max(SAME_UM, cube.fwhm_um[0] / 2)
     between = (w > bands[0] - beside) & (w < bands[-1] + beside)
     if between.sum() == cube.bands and np.allclose(w[between], bands, 0, SAME_UM):
@@ -62,14 +61,14 @@ def read_environment(path, cube):
 
 
 def _parts(cube):
-    """(bands, n) um, widths of the parts of a HeatCube's bands that its nodes stand for."""
+    """(bands, n) um, widths of the parts of a HeatCube's bands for which its nodes stand."""
     nodes = cube.nodes_um
     return np.gradient(nodes, axis=1) if nodes.shape[1] > 1 else cube.fwhm_um[:, None]
 
 
 def _check_covers(w, cube, path):
-    """Raise InputError where wavelengths w (n,), um, each with half a step to either side, leave a
-    part of a HeatCube's bands open, or one wider than MAX_GAP_UM between them."""
+    """Raise InputError if wavelengths w (n,), um, each with half a step to either side, do not
+    cover a HeatCube's bands, or leave a gap wider than MAX_GAP_UM in them."""
     nodes, half = cube.nodes_um, _parts(cube) / 2
     low, high = (nodes - half).min(), (nodes + half).max()
     step = np.diff(w) if w.size > 1 else np.zeros(1)

@@ -1,4 +1,4 @@
-"""OpenEXR files as they are written here: whatever is wrong is an OSError, or known before."""
+"""Writing OpenEXR files: any failure is an OSError, or known beforehand."""
 
 import os
 
@@ -6,7 +6,7 @@ from physics.errors import InputError
 
 
 def check_exr_name(path):
-    """Raise InputError where OpenEXR could not open a path."""
+    """Raise InputError if OpenEXR could not open a path."""
     try:
         os.fspath(path).encode()
     except UnicodeEncodeError as e:
@@ -14,8 +14,8 @@ def check_exr_name(path):
 
 
 def write_exr(header, channels, path):
-    """Write channels, {name: (height, width) contiguous array}, and what else a header is to say;
-    OSError, as of a full disk, in OpenEXR's words; InputError as check_exr_name."""
+    """Write channels, {name: (height, width) contiguous array}, and further header entries. Raises
+    OSError, as for a full disk, in OpenEXR's words; InputError as check_exr_name."""
     import OpenEXR
 
     check_exr_name(path)

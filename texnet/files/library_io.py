@@ -4,16 +4,16 @@ HADAR `.mat` (up to v7): `matLib` is bands x materials, `emiLib` materials x ban
 holds the names. The bands are not in the file, so the caller states them: equidistant in
 wavenumber, in the file's order.
 
-ECOSTRESS / ASTER `.txt`, or a folder of them, one material a file: `key: value` lines in
-ISO-8859-1, then rows of micrometres and reflectance R. For an opaque sample and hemispherical
-reflectance, and for no other, Kirchhoff's law gives e = 1 - R. The folder's files meet on the
-finest of their grids, between 7 and 15 um.
+ECOSTRESS / ASTER `.txt`, or a folder of them, one material per file: `key: value` lines in
+ISO-8859-1, then rows of micrometres and reflectance R. Only for an opaque sample and hemispherical
+reflectance does Kirchhoff's law give e = 1 - R. A folder's files are interpolated to the finest of
+their grids, between 7 and 15 um.
 
 ENVI spectral libraries, a `.hdr` beside a binary (`.sli`): see `envi`. Their y axis title says
-whether they hold emissivity or hemispherical reflectance; what no spectrum has within 7 to 15 um
-is left out.
+whether they hold emissivity or hemispherical reflectance; spectra without complete data from
+7 to 15 um are left out.
 
-`.csv`: a `text_table` with one column a material, emissivity 0..1, of which 7 to 15 um are taken.
+`.csv`: a `text_table` with one column per material, emissivity 0..1, used from 7 to 15 um.
 
 `.json`: a library file, to name or add a sky.
 """
@@ -34,15 +34,15 @@ from .mat_file import read_mat
 from .text_table import MAX_GAP_UM, number, read_table
 from .wavelengths import ascending
 
-DELETED = 1e6  # a number that large marks a band, as -1.23e34 does in files of the USGS
-DARK, BRIGHT = 0.5, 0.99  # means of emissivity: of few of a library's solids, not of all
-SAME = 1e-3  # curves that nowhere differ by more
-CLIP = 0.02  # measured curves leave 0..1 by their noise; by more, the unit is wrong
+DELETED = 1e6  # numbers this large mark a deleted band, such as -1.23e34 in files of the USGS
+DARK, BRIGHT = 0.5, 0.99  # mean emissivities that a few of a library's solids have, but not all
+SAME = 1e-3  # largest difference of curves that are the same
+CLIP = 0.02  # noise takes measured curves out of 0..1; by more, the unit is wrong
 TEXT_RANGE_UM = (7.0, 15.0)  # 8-14 um with a margin; spectra may start at 0.35 um
-PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by their bands
+PUBLISHED_CM1 = {49: "760:1240", 54: "720:1250"}  # of the HADAR libraries, by number of bands
 LAYOUT = {"matLib": "bands x materials", "emiLib": "materials x bands"}
 KEY = re.compile(r"\s*([A-Za-z][A-Za-z .]*):(.*)")
-# of vegetation the shorter wavelengths are bidirectional, those of TEXT_RANGE_UM hemispherical
+# for vegetation the shorter wavelengths are bidirectional, TEXT_RANGE_UM hemispherical
 BIDIRECTIONAL = re.compile("bi-?directional(?! and (directional )?hemispherical)", re.I)
 
 
@@ -53,14 +53,14 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     wavenumbers_cm1  .mat only: of the first and of the last band, cm-1, equidistant
     names            .mat only: one per material, instead of the file's `matName`
     sky              the material that is the sky; it is renamed to "sky"
-    add_sky          take the starter library's sky, where there is none (`with_sky`)
+    add_sky          add the starter library's sky if there is none (`with_sky`)
 
     Returns (MaterialLibrary, note): wavelengths in um, ascending, and one sentence on what
-    was converted from what. Raises InputError if the file is damaged or leaves open what
-    its numbers mean.
+    was converted from what. Raises InputError if the file is damaged or leaves the meaning of
+    its numbers open.
     """
     path = Path(path)
-    if not os.path.exists(path):  # unlike Path's, False where it may not be looked at
+    if not os.path.exists(path):  # unlike Path.exists, False where access is denied
         raise InputError(f"library: there is no file {path}.")
     kind = ".txt" if path.is_dir() else path.suffix.lower()
     if kind not in (".mat", ".json") and kind not in READERS:
@@ -89,7 +89,7 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
         words_on_sky = [f"with the starter library's sky, {low:.4g}-{high:.4g} um in common"]
     elif SKY not in names:
         words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
-    if kind != ".json":  # it says no hues: chosen last, they leave room for the sky's
+    if kind != ".json":  # which has hues; others get them last, with room for the sky's
         library = replace(library, hue_deg=None)
     note = "; ".join([*words, *words_on_sky])
     return library, f"{path}: {note}.{_unusual(library)}"
@@ -110,7 +110,7 @@ def _read(path, kind, wavenumbers_cm1, names):
 
 
 def _unusual(library):
-    """A warning where curves are not like solids', or two are the same; else ""."""
+    """A warning if curves are not like solids', or two are the same; else ""."""
     mean = library.emissivity[~library.is_sky].mean(axis=1)
     if not mean.size:
         return ""
@@ -130,10 +130,10 @@ def _unusual(library):
 
 
 def with_sky(library):
-    """The MaterialLibrary, with the starter library's sky where it has none.
+    """The MaterialLibrary, with the starter library's sky added if it has none.
 
-    The curves then meet on both libraries' wavelengths, where both have data. Raises
-    InputError where that is nowhere.
+    The curves are then interpolated to both libraries' wavelengths, where both have data. Raises
+    InputError if that is nowhere.
     """
     if library.sky_index is not None:
         return library
@@ -154,7 +154,7 @@ def with_sky(library):
 
 
 def read_names(path):
-    """The names in a text file (UTF-8), one a line, blank lines left out."""
+    """The names in a text file (UTF-8), one per line, ignoring blank lines."""
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except OSError as e:
@@ -165,11 +165,11 @@ def read_names(path):
 
 
 def _thermal(w, name):
-    """(n,) which of w, um, are of TEXT_RANGE_UM; InputError unless two are."""
+    """(n,) bool, which of w, um, are in TEXT_RANGE_UM; InputError unless two are."""
     low, high = TEXT_RANGE_UM
     inside = (w >= low) & (w <= high)
     if np.count_nonzero(inside) < 2:
-        check_wavelength(w, "library")  # may know the unit that was meant
+        check_wavelength(w, "library")  # may know the intended unit
         raise InputError(
             f"library: {name} covers {w.min():.4g}-{w.max():.4g} um, with no two bands in "
             f"{low:g}-{high:g} um; take another, unless its unit of wavelengths is stated wrongly."
@@ -271,7 +271,7 @@ def _read_envi(path):
     inside = _thermal(w, path.name)
     w, values = w[inside], spectra.values[:, order[inside]]
     _check_gaps(w, path.name, "take another")
-    good = (np.abs(values) < DELETED).all(axis=1)  # not so of a NaN
+    good = (np.abs(values) < DELETED).all(axis=1)  # False for NaN
     if not good.any():
         raise InputError(
             f"library: no spectrum of {path.name} is whole from {w[0]:.4g} to {w[-1]:.4g} um."
@@ -298,7 +298,7 @@ def _read_envi(path):
 
 
 class Other(InputError):
-    """A file without what lacks says, as is usual beside others."""
+    """A file without what lacks says, as is common among others."""
 
     def __init__(self, message, lacks=f"spectrum of {TEXT_RANGE_UM[0]:g}-{TEXT_RANGE_UM[1]:g} um"):
         super().__init__(message)
@@ -369,7 +369,7 @@ def _read_text(path):
     except UnicodeDecodeError:
         lines = raw.decode("iso-8859-1").splitlines()
     matches = [(i, m) for i, line in enumerate(lines) if (m := KEY.match(line))]
-    # By the last key, because descriptions run over lines and the number of keys varies.
+    # After the last key, because descriptions span lines and the number of keys varies.
     first = matches[-1][0] + 1 if matches else 0
     rows = [line.split() for line in lines[first:] if line.strip()]
     numbers = [[number(cell) for cell in row] for row in rows]
@@ -397,8 +397,8 @@ def _read_text(path):
         raise InputError(
             f"library: {path.name} has X Units {x_units!r}; only micrometers are known here."
         )
-    good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # less marks what is not measured
-    # Instruments that meet at one wavelength both give it: their mean.
+    good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # negative: not measured
+    # Instruments that meet at one wavelength both give it: take their mean.
     w, where = np.unique([row[0] for row in good], return_inverse=True)
     r = np.bincount(where, [row[1] for row in good]) / np.bincount(where)
     low, high = TEXT_RANGE_UM
@@ -432,7 +432,7 @@ def _read_text(path):
 
 
 def _check_gaps(w, file, remedy):
-    """Raise InputError where ascending wavelengths w, um, leave a gap in TEXT_RANGE_UM."""
+    """Raise InputError if ascending wavelengths w, um, leave a gap in TEXT_RANGE_UM."""
     low, high = TEXT_RANGE_UM
     gaps = np.where((w[:-1] < high) & (w[1:] > low), np.diff(w), 0.0)
     for i in np.flatnonzero(gaps > MAX_GAP_UM + 1e-9)[:1]:
@@ -466,14 +466,14 @@ def _named_sky(names, sky):
 
 
 def _within_0_and_1(e, names, w):
-    """e (materials, bands) at w, um, clipped to 0..1 where it is off by no more than CLIP, and
+    """e (materials, bands) at w, um, clipped to 0..1 if it is outside by no more than CLIP, and
     words on that."""
     excess = np.maximum(e - 1, -e)
     worst = np.nan_to_num(excess, nan=np.inf).max(axis=1)
     if worst.max() > CLIP + 1e-9:  # 1.02 - 1 is more than 0.02
         i = int(np.argmax(worst))
         percent = ""
-        if 2 < e[i].max() <= 100 or -100 <= e[i].min() < -1:  # itself, or 1 - reflectance
+        if 2 < e[i].max() <= 100 or -100 <= e[i].min() < -1:  # in percent, or 1 - percent
             percent = "; divide the file's numbers by 100 if they are in percent"
         at = w[np.argmax(np.nan_to_num(excess[i], nan=np.inf))]
         raise InputError(
@@ -485,6 +485,6 @@ def _within_0_and_1(e, names, w):
     return np.clip(e, 0, 1), words
 
 
-READERS = {  # of files that state their own bands and names; .mat does not
+READERS = {  # of files that state their own bands and names, unlike .mat
     ".csv": _read_csv, ".txt": _read_texts, ".hdr": _read_envi, ".sli": _read_envi,
 }  # fmt: skip

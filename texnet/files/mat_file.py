@@ -2,8 +2,8 @@
 
 Read here and not by scipy, whose reader is not hardened: damaged files crash the interpreter.
 The layout (MathWorks, "MAT-File Format"): 128 bytes of header, then elements, each a tag (type,
-number of bytes) and a body, padded to 8 bytes. A variable is an element of elements: flags
-(the class, whether complex), dimensions, name, content. Numbers lie column by column, often in a
+number of bytes) and a body, padded to 8 bytes. A variable is an element of elements: flags (class,
+whether complex), dimensions, name, content. Numbers are stored column by column, often in a
 smaller type than their class. Since version 7 each variable is deflated.
 """
 
@@ -110,7 +110,7 @@ def _strings(cells):
     """The strings of a cell array, or None if a cell holds anything else."""
     strings = []
     for _, body in cells:
-        # Only char arrays are looked into, so that nested cells cannot nest us.
+        # Only char arrays are read, so that nested cells cannot cause recursion.
         flags = struct.unpack("<II", next(_elements(body))[1])[0] if len(body) else 0
         value = _variable(body)[1] if flags & 0xFF == CHAR else None
         if value is None or len(value) != 1:

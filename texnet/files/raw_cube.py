@@ -1,15 +1,14 @@
-"""A cube as somebody's file holds it, and how it becomes a HeatCube.
+"""A cube as stored in someone's file, and its conversion to a HeatCube.
 
 With n the file's numbers, per band
 
     L = (gain n + offset) u J,    J = 1 where L is per um, 1e4 / lambda^2 where it is per cm-1
 
-where u makes W m-2 sr-1 of the file's unit and J = |d nu / d lambda| follows from
-nu = 1e4 / lambda (cm-1, um); or L = B(gain n + offset) where n are brightness temperatures in K. A
-width d nu becomes d nu / J. Bands that the file calls bad go, the
-others are sorted by wavelength. Whatever the unit, the scene has a brightness temperature, so that
-a wrong unit shows; and in most pixels of a scene bands hardly differ in it, so that axes in another
-order show, too.
+where u converts the file's unit to W m-2 sr-1 and J = |d nu / d lambda| follows from
+nu = 1e4 / lambda (cm-1, um); or L = B(gain n + offset) if n are brightness temperatures in K. A
+width d nu becomes d nu / J. Bands that the file calls bad are dropped, the others sorted by
+wavelength. A wrong unit shows in the scene's brightness temperature; and since in most pixels the
+bands hardly differ in it, a wrong order of axes shows, too.
 """
 
 from collections.abc import Callable
@@ -30,25 +29,25 @@ from .wavelengths import PER_UM, ascending, in_um
 
 OUR_UNIT = "W/m2/sr/um"
 THERMAL_UM = (1.0, 100.0)  # outside it the centres are in another unit
-ALIKE = 0.03  # or less are brightness temperatures in all bands, of what half of them have
-# times as wide as they are apart, or less and more, are bands where the unit of widths is wrong
+ALIKE = 0.03  # largest relative deviation from the median in half of brightness temperatures
+# ratios of band width to spacing beyond which the unit of widths is wrong
 THIN, WIDE = 0.05, 5.0
 PART = 1 << 23  # numbers converted at once
-SAMPLES = 10_000  # pixels whose brightness temperature is looked at
+SAMPLES = 10_000  # pixels whose brightness temperature is checked
 CELSIUS = "add 273.15 if these are degrees Celsius, else give the --unit of the radiance"
-# what files often hold where nothing was measured; the bands in which a pixel must hold it, and
-# such pixels, a number and a share of all
+# common fill values; the least number of bands that must agree on one, and of pixels that have it,
+# as a number and as a share of all
 FILLS, LEAST_ALIKE, FEWEST, FEW = (0, -999, -9999, -32767, -32768), 6, 20, 0.001
-# of a float that no scene shows, a header may write a few digits alone
+# a float larger than in any scene may have few digits in a header
 UNREAL, AS_TEXT = 1e6, 1e-5
 
 
 class RawCube(NamedTuple):
-    """What a file holds and says; bands in the file's order.
+    """The content of a file; bands in the file's order.
 
     what     the file in a few words
-    numbers  () -> (bands, height, width) real numbers; a file is mapped anew by each call, so that
-             what was read of it does not stay in memory
+    numbers  () -> (bands, height, width) real numbers; each call maps the file anew, so that what
+             was read does not stay in memory
     centre   (bands,) in axis, or None if the file does not say; fwhm likewise
     response  of the bands, one of `bands.RESPONSES`
     axis     "um", "nm" or "cm-1", of centre and fwhm
@@ -58,10 +57,10 @@ class RawCube(NamedTuple):
     netd_k   noise at 300 K, K, or None if the file does not say
     wanted   (bands,) bool, by the caller; None: all
     ignore   the number that stands for no measurement, or None
-    hint     what to say where centre is missing
+    hint     advice if centre is missing
     unit_said  what the file calls its unit
     words    more to tell the user
-    doubt    of how the file was read, a warning, or ""
+    doubt    a warning on how the file was read, or ""
     """
 
     what: str
@@ -84,8 +83,8 @@ class RawCube(NamedTuple):
 
 
 def part_of(raw, rows=None, columns=None, range_um=None):
-    """The RawCube of some rows, columns (slices) and bands (lowest and highest centre, um); all
-    where None. It must have a centre. Raises InputError where nothing is left."""
+    """The RawCube of some rows, columns (slices) and bands (lowest and highest centre, um); None:
+    all. It must have a centre. Raises InputError if nothing is left."""
     _, *shape = raw.numbers().shape
     words = []
     for what, part, n in (("rows", rows, shape[0]), ("columns", columns, shape[1])):
@@ -122,9 +121,9 @@ def _said(part):
 
 def heat_cube(raw, netd_k=None, progress=None):
     """The HeatCube of a RawCube that has centre and unit, and one sentence on what was converted,
-    with a line of warning below it where the scene's temperature is unusual.
+    followed by a line of warning if the scene's temperature is unusual.
 
-    Raises InputError where the numbers cannot be radiance in that unit.
+    Raises InputError if the numbers cannot be radiance in that unit.
     """
     bands, height, width = shape = raw.numbers().shape
     if 0 in shape:
@@ -157,7 +156,7 @@ def heat_cube(raw, netd_k=None, progress=None):
 
 
 def _odd_widths(fwhm, w):
-    """A warning where bands are far narrower or wider than they are apart; else ""."""
+    """A warning if bands are far narrower or wider than their spacing; else ""."""
     if fwhm is None or len(w) < 2:
         return ""
     width, apart = np.median(fwhm), np.median(np.diff(w))
@@ -195,23 +194,23 @@ def _kept_bands(raw, bands):
 
 
 def _in_our_unit(numbers, unit, w):
-    """Radiance of numbers in one of `units.UNIT_NAMES` at wavelengths in um."""
+    """Radiance from numbers in one of `units.UNIT_NAMES` at wavelengths in um."""
     if unit == KELVIN:
-        return planck(w, np.maximum(numbers, 1.0))  # no glow, as of 0 K
+        return planck(w, np.maximum(numbers, 1.0))  # no emission, as at 0 K
     factor, per_wavenumber = UNITS[unit]
     return numbers * (factor * (1e4 / w**2 if per_wavenumber else 1.0))
 
 
 def _in_unit(radiance, unit, w):
-    """The inverse of _in_our_unit, of radiance above 0."""
+    """The inverse of _in_our_unit, for radiance above 0."""
     if unit == KELVIN:
         return brightness_temperature(w, radiance)
     return radiance / _in_our_unit(1.0, unit, w)
 
 
 def _radiance(raw, kept, w, progress):
-    """Of the kept bands at wavelengths w, um, (kept, height, width) float32; words on what holds
-    no measurement though no header says so.
+    """Radiance (kept, height, width) float32 of the kept bands at wavelengths w, um; and words on
+    fill values that no header states.
 
     Read part by part along the file's slowest axis, so that each byte is read once.
     """
@@ -222,7 +221,7 @@ def _radiance(raw, kept, w, progress):
     step = max(1, PART * shape[slowest] // int(np.prod(shape, dtype=np.int64)))
     gain, offset = (np.broadcast_to(x, shape[0])[kept] for x in (raw.gain, raw.offset))
     radiance = scratch.zeros((len(kept), *shape[1:]), np.float32)
-    # where bands have offsets, one number in all of them is a spectrum, but no camera's
+    # with band offsets, the same number in all bands is a spectrum, but no camera's
     alike = len(kept) >= LEAST_ALIKE and raw.ignore is None and np.any(offset)
     filled = {number: np.ones(shape[1:], bool) for number in FILLS if alike}
     for start in range(0, radiance.shape[slowest], step):
@@ -234,7 +233,7 @@ def _radiance(raw, kept, w, progress):
         scratch.release(mapped)
         for number, pixels in filled.items():
             pixels[tuple(at[1:])] &= (found == number).all(axis=0)
-        with np.errstate(over="ignore", invalid="ignore"):  # HeatCube tells what is not finite
+        with np.errstate(over="ignore", invalid="ignore"):  # HeatCube reports what is not finite
             part = found.astype(np.float64)
             part *= gain[bands, None, None]
             part += offset[bands, None, None]
@@ -255,7 +254,7 @@ def _radiance(raw, kept, w, progress):
 
 
 def is_ignored(numbers, ignore):
-    """Which numbers are the one that stands for no measurement; none if that is None."""
+    """Which numbers equal the one that stands for no measurement; none if that is None."""
     if ignore is None:
         return np.zeros(numbers.shape, bool)
     if numbers.dtype.kind != "f":
@@ -269,8 +268,8 @@ def is_ignored(numbers, ignore):
 def _typical_k(radiance, w, unit):
     """The brightness temperature that half of the scene exceeds, in words, and a warning or "".
 
-    Raises InputError where it is not within TYPICAL_K, or not within USUAL_K and the numbers are
-    like brightness temperatures.
+    Raises InputError if it is outside TYPICAL_K, or outside USUAL_K and the numbers are like
+    brightness temperatures.
     """
     step = sampling_step(radiance.shape[1:], SAMPLES)
     bands = scratch.parts(radiance)
@@ -295,7 +294,7 @@ def _typical_k(radiance, w, unit):
         raise InputError(f"cube: in {unit} half of it would be warmer than {here:,.0f} K; {kelvin}")
     names = {}
     for u, factor in UNITS.items():
-        names.setdefault(factor, u)  # of two for one unit the first
+        names.setdefault(factor, u)  # the first of two names of a unit
     fit = {u: t for u in names.values() if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
     fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
     cold = unit == KELVIN and here < TYPICAL_K[0]
@@ -307,7 +306,7 @@ def _typical_k(radiance, w, unit):
 
 
 def _uneven(s, w):
-    """A warning where spectra s (bands, n) are like those of no scene; else ""."""
+    """A warning if spectra s (bands, n) are unlike those of any scene; else ""."""
     differ = uneven_k(w, s)
     if not differ:
         return ""
@@ -319,7 +318,7 @@ def _uneven(s, w):
 
 
 def _like_kelvin(numbers):
-    """What to say of a file's numbers where they are like brightness temperatures; else ""."""
+    """Words on a file's numbers if they are like brightness temperatures; else ""."""
     half = np.median(numbers)
     if not USUAL_K[0] <= half <= USUAL_K[1] or np.median(np.abs(numbers / half - 1)) > ALIKE:
         return ""

@@ -1,7 +1,7 @@
 """Spectra in a text file: a header with the axis and the columns' names, then a row per wavelength.
 
-Columns are apart by what comes first in the header of comma, semicolon and tab, or by blanks. Lines
-that begin with # are comments, but for the header that numpy.savetxt writes so.
+Columns are separated by whichever of comma, semicolon and tab comes first in the header, or by
+blanks. Lines that begin with # are comments, except for the header as numpy.savetxt writes it.
 """
 
 import csv
@@ -14,7 +14,7 @@ from physics.errors import InputError
 from .wavelengths import ascending
 
 AXES = {"wavelength_um": "um", "wavelength_nm": "nm", "wavenumber_cm1": "cm-1"}  # and their units
-MAX_GAP_UM = 1.0  # between rows of a spectrum; a wider one would be filled with a guess
+MAX_GAP_UM = 1.0  # between rows of a spectrum; wider ones would be filled with guesses
 
 
 def read_table(path, what, column):
@@ -23,7 +23,7 @@ def read_table(path, what, column):
 
     what, column  words for the table and for a column, such as library and material
 
-    Raises InputError where the file cannot be read or is no such table.
+    Raises InputError if the file cannot be read or is not such a table.
     """
     try:
         with open(path, encoding="utf-8-sig") as file:
@@ -71,7 +71,7 @@ def read_table(path, what, column):
 
 
 def _rows(lines):
-    """[(line number from 1, cells)] of all lines but blank ones and comments."""
+    """[(line number from 1, cells)] of all lines except blank ones and comments."""
     lines = [(n, line.strip()) for n, line in enumerate(lines, 1) if line.strip()]
     rows = [(n, line) for n, line in lines if line[0] != "#"]
     if rows and not rows[0][1].startswith(tuple(AXES)):  # as numpy.savetxt writes its header
@@ -85,7 +85,7 @@ def _rows(lines):
 
 
 def number(text):
-    """The finite number that a text is, or None."""
+    """The finite number in a text, or None."""
     try:
         value = float(text)
     except ValueError:

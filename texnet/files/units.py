@@ -1,21 +1,21 @@
-"""Units of spectral radiance, however they are written.
+"""Units of spectral radiance in all spellings.
 
 A unit is a product of powers: W m-2 sr-1 um-1, uW/(cm^2*sr*nm) and W/m^2/sr/cm^-1 are read factor
-by factor, in any order: watts, an area, a steradian, and um, nm or cm-1, no more and no less. They
-mean the unit of UNITS of the same size.
+by factor, in any order: exactly watts, an area, a steradian, and um, nm or cm-1. The result is the
+unit of the same size in UNITS.
 """
 
 import math
 import re
 
-UNITS = {  # W m-2 sr-1 in one of it, and whether it is per cm-1
+UNITS = {  # its size in W m-2 sr-1, and whether it is per cm-1
     "W/m2/sr/um": (1.0, False),
     "mW/m2/sr/um": (1e-3, False),
     "microflick": (1e-2, False),
     "uW/cm2/sr/um": (1e-2, False),
     "W/cm2/sr/um": (1e4, False),
     "mW/cm2/sr/um": (10.0, False),
-    "uW/cm2/sr/nm": (10.0, False),  # usual of ENVI and FLAASH
+    "uW/cm2/sr/nm": (10.0, False),  # common with ENVI and FLAASH
     "nW/cm2/sr/nm": (1e-2, False),
     "mW/m2/sr/nm": (1.0, False),
     "W/m2/sr/nm": (1e3, False),
@@ -27,7 +27,7 @@ KELVIN = "K"  # brightness temperature
 UNIT_NAMES = *UNITS, KELVIN
 PREFIXES = {"": 1.0, "n": 1e-9, "u": 1e-6, "m": 1e-3}
 PER_M2 = {"m": 1.0, "cm": 1e4}
-# of a factor: size, whether per cm-1. Not per cm, which is rather a cm-1 that is written wrongly
+# of a factor: size, whether per cm-1. Not per cm, which is probably a miswritten cm-1
 DENSITIES = {("um", -1): (1.0, False), ("nm", -1): (1e3, False), ("cm", 1): (1.0, True)}
 WRITTEN = str.maketrans("\u00b5\u03bc\u207b\u00b9\u00b2\u00b7\u22c5", "uu-12**")  # two kinds of mu
 WORDS = {
@@ -39,7 +39,7 @@ FACTOR = re.compile(r"([a-z]+)\^?([+-]?\d+)?")
 
 
 def unit_of(said):
-    """Which of UNIT_NAMES a word means, such as uW/(cm^2*sr*nm); None if none."""
+    """The one of UNIT_NAMES that a text such as uW/(cm^2*sr*nm) means; None if none."""
     plain = said.lower().strip("{} ").translate(WRITTEN)
     plain = re.sub(r"\^\(([+-]?\d)\)", r"\1", plain)
     plain = re.sub(r"^\(([^()]*)\)$", r"\1", plain)
@@ -49,7 +49,7 @@ def unit_of(said):
         return KELVIN
     found, letters = _product(plain), lambda text: set(re.findall("[a-z]+", text.lower()))
     same = [u for u, (size, per_cm1) in UNITS.items() if found == (_rounded(size), per_cm1)]
-    # of names of the same unit the one that is most like it
+    # of several names of the same unit the most similar
     return max(same, key=lambda u: letters(u) == letters(plain), default=None)
 
 
@@ -71,8 +71,8 @@ def _product(plain):
 
 
 def _parts(plain):
-    """(below, [(name, power), ...]) of a quotient: of what follows a slash one factor is below, or
-    all that is in parentheses; or nothing that could be read, as a factor without a name."""
+    """(below, [(name, power), ...]) of a quotient: a slash applies to one factor, or to all in
+    parentheses; unreadable text is a factor without a name."""
     for slash, inside, inverse, alone in PART.findall(plain):
         text = inside or alone
         factors = [(n, int(p or 1)) for n, p in FACTOR.findall(text)]

@@ -4,20 +4,20 @@ import numpy as np
 
 from physics.errors import InputError
 
-PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; wavenumbers in cm-1 have no such factor
-WAVENUMBERS_CM1 = (100.0, 10_000.0)  # 100 to 1 um; outside it is no wavenumber in cm-1
+PER_UM = {"um": 1.0, "nm": 1e3}  # in one um; wavenumbers have no such factor
+WAVENUMBERS_CM1 = (100.0, 10_000.0)  # 100 to 1 um; other numbers are not wavenumbers in cm-1
 
 
 def in_um(x, unit):
-    """Wavelengths in um of x in um, nm or cm-1."""
+    """Wavelengths in um from x in um, nm or cm-1."""
     return 1e4 / x if unit == "cm-1" else x / PER_UM[unit]
 
 
 def ascending(x, unit, what):
-    """The order (n,) in which x (n,), in um, nm or cm-1, ascends as wavelengths, these in um in
-    that order, and words on what it took.
+    """The order (n,) in which x (n,), in um, nm or cm-1, ascends as wavelengths; these in um in
+    that order; and words on the conversion.
 
-    Raises InputError, which starts with what, where one is there twice or cm-1 cannot be its unit.
+    Raises InputError, which starts with what, if a value occurs twice or cannot be in cm-1.
     """
     low, high = WAVENUMBERS_CM1
     if unit == "cm-1" and (x.min() < low or x.max() > high):

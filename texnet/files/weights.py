@@ -12,8 +12,8 @@ from ..network import TeXNet
 
 
 def save_network(network, path, history):
-    """Write a TeXNet; history is a dict of plain values that says how it came about. InputError if
-    its weights are not all numbers."""
+    """Write a TeXNet; history is a dict of plain values that describes its origin. InputError if
+    its weights are not all finite."""
     if not _finite(network):
         raise InputError(
             f"cannot write {path}: training diverged, the weights are no numbers; take another "
@@ -21,12 +21,12 @@ def save_network(network, path, history):
         )
     about = {"config": json.dumps(network.config), "history": json.dumps(history)}
     with whole_file(path) as part:
-        # save_file would make a file that nobody else may read
+        # save_file would create a file that nobody else may read
         part.write_bytes(save({n: p.contiguous() for n, p in network.state_dict().items()}, about))
 
 
 def load_network(path):
-    """(TeXNet, history) from a file; InputError if it holds none."""
+    """(TeXNet, history) from a file; InputError if it is not one of weights."""
     try:
         with safe_open(path, "pt") as file:
             about = file.metadata() or {}
@@ -35,7 +35,7 @@ def load_network(path):
             history = json.loads(about["history"])
     except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as e:
         reason = "it is not a safetensors file that texnet wrote"
-        if isinstance(e, OSError):  # safetensors leaves strerror out
+        if isinstance(e, OSError):  # safetensors leaves out strerror
             reason = e.strerror or "there is no such file, or it may not be read"
         raise InputError(f"model: cannot read {path}: {reason}.") from e
     if not _finite(network):
