@@ -163,3 +163,10 @@ def test_hot_pixels_are_those_far_above_half_of_the_picture_and_the_sun():
     assert np.array_equal(far_hotter(cube), t == 352.0)
     warm = HeatCube(planck(w[:, None, None], t + 20), w, netd_k=0.05, dead=dead)
     assert np.array_equal(far_hotter(warm), t == 352.0)  # 372 K, 52 above the others; not 369 K
+
+
+def test_what_the_sun_heats_is_not_hot_though_the_scene_is_cold():
+    w, t = np.array([9.0, 10.0, 11.0]), np.full((10, 10), 260.0)
+    t[0, :4], t[1, :4] = 345.0, 355.0
+    cube = HeatCube(planck(w[:, None, None], t), w, netd_k=0.05)
+    assert np.array_equal(far_hotter(cube), t == 355.0)

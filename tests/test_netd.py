@@ -9,7 +9,7 @@ from traced import scene_of, traced
 
 from physics import HeatCube, InputError
 from physics.bands import equidistant_bands
-from physics.cube.netd import noise_of_bands
+from physics.cube.netd import estimated_netd, noise_of_bands
 from physics.planck import noise_sigma, planck
 from physics.simulator import simulate
 from physics.simulator.sensor import add_noise
@@ -144,3 +144,10 @@ def test_noise_of_few_pixels_is_not_overstated(pixels, alike):
     d = np.random.default_rng(0).normal(size=(pixels, 54)) * np.sqrt(2)
     noise = np.median(noise_of_bands(d, np.zeros(pixels), alike))
     assert noise == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.parametrize("netd_k", [0.05, 0.5])
+def test_noise_of_one_band_over_an_even_picture(netd_k):
+    s = np.full((1, 150, 150), planck(10.0, 290.0))
+    s = add_noise(s, [10.0], netd_k, np.random.default_rng(0))
+    assert estimated_netd(HeatCube(s, [10.0])) == pytest.approx(netd_k, rel=0.04)

@@ -73,6 +73,15 @@ def test_what_has_few_values_is_not_saturated():
     assert not saturated(HeatCube(planck(w[:, None, None], t), w, np.zeros(5), 0.05)).any()
 
 
+def test_what_is_dead_is_not_saturated():
+    """Though it holds what its neighbours do, which are."""
+    spoilt, beyond = clipped(traced("forest", 54)[0], 0.1)
+    dead = beyond & (np.arange(beyond.shape[1]) % 4 == 0)
+    some_dead = HeatCube(spoilt.radiance, spoilt.wavelength_um, spoilt.fwhm_um, 0.05, dead)
+    assert dead.any()
+    np.testing.assert_array_equal(saturated(some_dead), beyond & ~dead)
+
+
 @pytest.mark.parametrize("method", ["local", "net+sgd"])
 def test_their_temperature_is_called_unknown(method):
     cube = traced("forest", 54)[0]

@@ -126,6 +126,32 @@ def test_one_hot_pixel_does_not_wash_out_the_rest(answer):
     assert changed.max() < 12
 
 
+def test_value_is_where_the_texture_lies_between_its_percentiles_lifted_by_gamma(answer):
+    d = ground_only(answer)
+    d.sky_texture = ramp(d, 0.5, 3.0)
+    low, high = np.percentile(d.sky_texture, [1, 99])
+    place = np.clip((d.sky_texture - low) / (high - low), 0, 1)
+    np.testing.assert_allclose(picture_hsv(d)[..., 2], 0.15 + 0.85 * place**0.8, atol=1 / 255)
+
+
+def test_what_a_dead_pixel_holds_changes_no_other(answer):
+    d = ground_only(answer)
+    d.sky_texture, d.temperature_k = ramp(d, 0.5, 3.0), ramp(d, 280, 300)
+    d.dead[::3, ::3] = True
+    before = tex_vision(d)
+    d.sky_texture = np.where(d.dead, 99.0, d.sky_texture)
+    d.temperature_k = np.where(d.dead, 500.0, d.temperature_k)
+    np.testing.assert_array_equal(tex_vision(d)[~d.dead], before[~d.dead])
+
+
+def test_areas_without_a_measurement_are_black_but_no_single_pixel(answer):
+    d = ground_only(answer)
+    d.dead[10:16, 10:20] = True
+    area = d.dead.copy()
+    d.dead[2, 3] = True
+    np.testing.assert_array_equal((tex_vision(d) == 0).all(axis=-1), area)
+
+
 def test_stretch():
     a = np.arange(101.0)
     np.testing.assert_allclose(stretch(a, None, 10, 90), np.clip((a - 10) / 80, 0, 1))
@@ -138,6 +164,11 @@ def test_stretch():
     lit = np.zeros(1000)
     lit[3] = 2.0  # all else is the same
     np.testing.assert_array_equal(stretch(lit), lit / 2)
+
+
+def test_what_is_no_number_is_as_dark_as_the_darkest():
+    a = np.append(np.arange(11.0), np.nan)
+    np.testing.assert_allclose(stretch(a, None, 0, 100), np.append(np.arange(11) / 10, 0))
 
 
 # --- files -------------------------------------------------------------------------------
@@ -201,6 +232,15 @@ def test_figures_of_answers_without_sky_or_ground(tmp_path):
         d.temperature_sigma_k = np.full_like(d.temperature_sigma_k, np.inf)
         write_decomposition(d, tmp_path / name, pictures, truth)
         assert (tmp_path / name / "maps.png").stat().st_size > 1000
+
+
+def test_a_picture_that_is_no_older_answer_s_stays(tmp_path, answer):
+    own = tmp_path / "comparison.png"
+    own.write_bytes(b"somebody's")
+    write_decomposition(varied(answer), tmp_path)
+    assert own.read_bytes() == b"somebody's"
+    write_decomposition(varied(answer), tmp_path)  # now it is an older answer's
+    assert not own.exists()
 
 
 def test_a_failure_leaves_an_older_answer_as_it_was(tmp_path, monkeypatch):
