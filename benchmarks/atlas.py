@@ -27,12 +27,12 @@ HEAD = """# The atlas in figures
 
     texnet bench stability --out stability      # about two hours on two cores
 
-writes this page, `atlas.md`, with `atlas.png`, of `stability.csv` and `missing.csv`, which have a
-row for each answer. One difficulty at a time is turned up (`benchmarks/difficulties.py`); 54 bands
-and 50 mK unless that is the difficulty. Means over the scenes of the mean error of T, its median
-sigma, the share of T's errors within two sigmas, and of the pixels with the right material and
-those called `unknown`; the brightness temperature is at an emissivity of 0.95, less what it
-reflects of the true sky.
+writes this page, `atlas.md`, and `atlas.png` from `stability.csv` and `missing.csv`, which have one
+row per answer. One difficulty at a time is increased (`benchmarks/difficulties.py`); there are 54
+bands and 50 mK of noise unless that is the difficulty. Each value is a mean over the scenes: T's
+mean absolute error, its median sigma, the share of T's errors within two sigmas, and the shares of
+pixels with the right material and of those called `unknown`. The brightness temperature assumes an
+emissivity of 0.95 and subtracts what the surface reflects of the true sky.
 """
 MISSING = """
 ## A material that the library lacks
@@ -44,9 +44,9 @@ that are `unknown` though their material is right. Mean, its standard error, med
 NOISE = """
 ## Noise in, noise out
 
-How far T moves between two draws of the noise, in standard deviations that the Cramér-Rao bound
-allows it (without air): median over all different answers where that is finite, and the least of
-the tenth where it is most.
+How far T moves between two draws of the noise, relative to the Cramér-Rao bound on its standard
+deviation (without air): the median over all different answers where that is finite, and the 90th
+percentile.
 """
 FAULTS = """
 ## Faults
@@ -152,7 +152,7 @@ def distinct(rows):
 
 def noise_table(rows):
     """Lines of the page: how far T moves with the noise."""
-    yield "| | median | the tenth beyond |"
+    yield "| | median | 90th percentile |"
     yield "|---" * 3 + "|"
     for method in METHODS:
         of = np.array([r["amplification"] for r in rows if r["method"] == method])
