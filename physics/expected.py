@@ -8,6 +8,9 @@ import numpy as np
 from .errors import InputError
 from .machinery import scratch
 
+# nats by which the sky is expected wherever a pixel may be partly sky; less: no sky is near
+SKY_NEAR = -4.0
+
 
 class Expected(NamedTuple):
     """nats (materials, h, w) float32 by which a material is expected from afar: point (i, j)

@@ -72,11 +72,15 @@ def deviations(of, reflected, around, alpha_step, sigma):
     return np.concatenate(rows, axis=1) / sigma
 
 
-def among(material, sky_share, is_sky, held):
+def among(material, sky_share, is_sky, held, partly=True):
     """(R,) bool: which of the hypotheses are looked for where materials held (materials,) bool
-    are: none partly sky where the sky is not."""
-    partly = (sky_share > 0) & (sky_share < 1)
-    return held[material] & (~partly | (held & is_sky).any())
+    are: none partly sky where the sky is not held, or partly is false."""
+    return held[material] & (~is_partly_sky(sky_share) | (partly and (held & is_sky).any()))
+
+
+def is_partly_sky(sky_share):
+    """Which hypotheses have a share of sky (R,), an array or a tensor, that is neither 0 nor 1."""
+    return (sky_share > 0) & (sky_share < 1)
 
 
 class SampledSpectra(NamedTuple):

@@ -1,18 +1,27 @@
 """A glance from afar: what is there is found, what is left out is nowhere in the answer."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from traced import one_thread, traced  # noqa: F401
+from traced import names_of, one_thread, scene_of, traced  # noqa: F401
 
 from benchmarks import ONNX
+from benchmarks.difficulties import steel_plate
 from physics import HeatCube, InputError, MaterialLibrary
+from physics.bands import equidistant_bands
 from physics.estimate import estimate_environment
-from physics.expected import Expected, Regions, only
+from physics.exact.local import solve_local
+from physics.exact.reduced import reduce_model
+from physics.expected import SKY_NEAR, Expected, Regions, only
 from physics.known import known_arrays
+from physics.simulator import geometry as g
+from physics.simulator import simulate
+from physics.simulator.scene import Camera, Scene, SceneObject
+from physics.sky import Atmosphere
 from texnet import glance
 from texnet.learned import torch_model
 from texnet.pipeline import decompose
@@ -95,7 +104,7 @@ def test_local_answers_each_part_as_if_nothing_else_were_in_the_library():
     cube, _ = traced("patterned", 18, size=(24, 36), spp=8)
     library, parts = MaterialLibrary.starter(), parts_of_it()
     environment = estimate_environment(cube, library, 3)
-    maps = solve_each(cube, library, environment, parts)
+    maps = solve_each(cube, library, environment, regions=parts)
     for i, j in np.ndindex(2, 3):
         part, there = np.s_[..., 12 * i : 12 * i + 12, 12 * j : 12 * j + 12], parts.held[i, j]
         some = library.subset([n for n, held in zip(library.names, there, strict=True) if held])
@@ -220,7 +229,7 @@ def test_the_answer_is_that_of_the_materials_seen(step, monkeypatch):
         of_seen = {name: known[name][seen] for name in ("emissivity", "is_sky")}
         return torch_model()(part.radiance, known | of_seen, expected=expected)
 
-    maps = glance.answer(run, run, cube, len(library), expects=True)
+    maps = glance.answer(run, run, cube, len(library), library.sky_index, expects=True)
     afar = tuple(-(-size // step) for size in (24, 36))
     p = maps["material_probability"]
     seen = np.flatnonzero(p.any(axis=(1, 2)))
@@ -250,7 +259,12 @@ def test_a_small_picture_is_answered_with_the_whole_library(side, expects):
         return {"material_probability": p}
 
     shape, seen, expected = glance.answer(
-        lambda part, seen, expected=None: (part.shape, list(seen), expected), look, cube, 5, expects
+        lambda part, seen, expected=None: (part.shape, list(seen), expected),
+        look,
+        cube,
+        5,
+        0,
+        expects,
     )
     assert shape == (side, side) and seen == [0, 1, 2, 3, 4]
     assert (expected is not None) == (side > 3 and expects)
@@ -263,7 +277,7 @@ def test_a_glance_that_sees_no_measurement_leaves_nothing_out(monkeypatch):
     dead[1::4] = dead[2::4] = True
     cube = HeatCube(np.full((3, 20, 16), 7.0), [8.0, 9.0, 10.0], netd_k=0.05, dead=dead)
     look = lambda part, seen: {"material_probability": np.full((5, *part.shape), 0.2)}
-    seen = glance.answer(lambda part, seen, *_: list(seen), look, cube, 5, False)
+    seen = glance.answer(lambda part, seen, *_: list(seen), look, cube, 5, 0, False)
     assert seen == [0, 1, 2, 3, 4]
 
 
@@ -360,3 +374,72 @@ def test_a_picture_s_last_patches_are_looked_at_like_its_first(size):
     assert 4 in seen
     for flipped in (probability[:, ::-1], probability[:, :, ::-1], probability[:, ::-1, ::-1]):
         assert 4 in glance.materials_seen(flipped)
+
+
+def test_sky_is_expected_least_where_none_was_seen_near():
+    """Below SKY_NEAR, so that nothing is partly sky there; but near dead patches all may be."""
+    p = np.zeros((3, 30, 40), np.float32)
+    p[0], p[1, 4, 30] = 0.5, 0.4  # one patch with some sky
+    p[2] = 1 - p[:2].sum(axis=0)
+    p[:, 20, 3] = np.nan
+    y, x = np.ogrid[:30, :40]
+    near = np.maximum(abs(y - 4), abs(x - 30)) <= glance.BORDER
+    near |= np.maximum(abs(y - 20), abs(x - 3)) <= glance.BORDER
+    without, expected = glance.expected(p), glance.expected(p, sky=1)
+    np.testing.assert_array_equal(expected[1] < SKY_NEAR, ~near)
+    np.testing.assert_array_equal(expected[1][near], without[1][near])
+    np.testing.assert_array_equal(expected[[0, 2]], without[[0, 2]])
+    assert without.min() > SKY_NEAR and np.isfinite(expected).all()
+
+
+@pytest.mark.parametrize("method", ["net+sgd", "local"])
+def test_metal_that_reflects_ground_and_sky_is_not_ground_before_sky(method, monkeypatch):
+    """A Lambertian plate of steel that leans over the ground, below the sky in view."""
+    monkeypatch.setattr(glance, "PATCHES", 2000)  # `local` looks from afar, too
+    ground = SceneObject(g.sheet(*[np.linspace(-300, 300, 61)] * 2, lambda xy: 0 * xy[:, 0]),
+                         "asphalt", 290.0)  # fmt: skip
+    camera = Camera((0, 0, 1.8), (0, 6, 0.6), 40)
+    scene = Scene([ground], camera, Atmosphere(air_temperature_k=288.0))
+    scene = replace(scene, objects=[ground, steel_plate(scene, 0.0)])
+    w, fwhm = equidistant_bands(36)
+    cube, truth = simulate(scene, wavelength_um=w, fwhm_um=fwhm, size=(96, 144), spp=16)
+    steel = names_of(truth) == "steel"
+    found = decompose(cube, method=method)
+    anywhere = lambda p, sky=None, usual=glance.expected: usual(p)
+    monkeypatch.setattr(glance, "expected", anywhere)
+    before = decompose(cube, method=method)
+    right, was = ((names_of(d) == "steel")[steel].mean() for d in (found, before))
+    assert right > 0.8 and right > was + 0.05 and steel.mean() > 0.1
+    right, was = ((names_of(d) == names_of(truth)).mean() for d in (found, before))
+    assert right > was
+
+
+def test_what_is_far_from_the_sky_is_solved_without_it_behind():
+    """And what is near, as before: `solve_each` and `net+sgd`, half of a picture being far."""
+    cube, _ = traced("forest")
+    library = MaterialLibrary.starter()
+    environment = estimate_environment(cube, library, 3)
+    nats = np.zeros((len(library), 12, 18), np.float32)
+    nats[library.sky_index, :, 9:] = -5.0
+    expected = Expected(nats, 4)
+    near = np.arange(cube.shape[1]) < cube.shape[1] // 2
+    free = solve_each(cube, library, environment)
+    told = solve_each(cube, library, environment, expected)
+    for name in ("material", "temperature_k", "log_evidence"):
+        np.testing.assert_array_equal(told[name][:, near], free[name][:, near], err_msg=name)
+    model = reduce_model(cube, library, environment)
+    pure = solve_local(model, cube.spectra, partly=False)
+    assert not ((model.sky_share[pure.row] > 0) & (model.sky_share[pure.row] < 1)).any()
+    assert (told["log_evidence"] <= free["log_evidence"] + 1e-4)[:, ~near].all()
+    assert (told["log_evidence"] < free["log_evidence"] - 5)[:, ~near].any()
+
+    known = known_arrays(cube, library, environment)
+    inner = np.abs(np.arange(cube.shape[1]) - cube.shape[1] // 2) > 22  # beyond the network's sight
+    runs = torch_model(), Runtime(ONNX).run
+    of_torch, of_onnx = (run(cube.radiance, known, expected=expected) for run in runs)
+    np.testing.assert_array_equal(of_torch["material"], of_onnx["material"])
+    nats[library.sky_index, :, 9:] = -3.9  # as little, but not too little
+    free = runs[0](cube.radiance, known, expected=Expected(nats, 4))
+    at = near & inner
+    np.testing.assert_array_equal(of_torch["material"][:, at], free["material"][:, at])
+    assert (of_torch["log_evidence"] < free["log_evidence"] - 5)[:, ~near].any()

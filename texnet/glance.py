@@ -20,6 +20,9 @@ q not below LEAST. The patch has weight one half, since its evidence is mostly t
 so has the share, the mean of q over all patches, found in a few steps like those by which Saerens
 et al. (2002, "Adjusting the outputs of a classifier to new a priori probabilities") find it in
 full. The network has learnt how far to heed it.
+
+Only pixels near sky that was seen may be partly sky. Elsewhere, metal that reflects both ground and
+sky would pass for ground with sky behind it.
 """
 
 import math
@@ -27,6 +30,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from physics.expected import Expected, Regions, among_all
 from physics.machinery import scratch
@@ -42,17 +46,20 @@ NEAR, OWN = 2, 0.1  # side of a neighbourhood, patches, and a material's mean pr
 LEAST_MATERIALS = 2  # to choose from
 HALF = 0.5  # weight of what comes from the same evidence as what it is added to
 LEAST, LEAST_SHARE = 1e-3, 1e-4  # lower limits, so that rare materials remain possible
+# only pixels within so many patches of one with this probability of sky may be partly sky; farther
+# away sky is expected with NO_SKY, which is below all others (`physics.expected.SKY_NEAR`)
+SKY, BORDER, NO_SKY = 0.1, 5, 1e-4
 SWEEPS = 3  # iterations for the shares
 
 
-def answer(run, look, cube, materials, expects):
+def answer(run, look, cube, materials, sky, expects):
     """Maps of a HeatCube solved with the materials that it holds, in the form of all materials.
 
     run        (cube, seen[, expected, regions]) -> dict of maps for the materials with indices
                seen; gets Expected if the picture is large enough for a glance, and Regions if it
                is large enough for materials to be left out
     look       the run for the glance, of which only material_probability is needed
-    materials  the number of materials
+    materials  the number of materials;  sky  the index of the sky among them, or None
     expects    whether run makes use of what is expected
     """
     every = np.arange(materials)
@@ -67,11 +74,11 @@ def answer(run, look, cube, materials, expects):
     if not np.isfinite(probability).any():  # no patch was measured
         return run(cube, every)
     if not enough:
-        return run(cube, every, Expected(expected(probability), step))
+        return run(cube, every, Expected(expected(probability, sky), step))
     seen = materials_seen(probability)
     size = NET_REGION if expects else REGION
     parts = regions(probability[seen], step, cube.shape, size)
-    maps = run(cube, seen, Expected(expected(probability)[seen], step), parts)
+    maps = run(cube, seen, Expected(expected(probability, sky)[seen], step), parts)
     return among_all(maps, np.isin(every, seen))
 
 
@@ -140,9 +147,9 @@ def regions(probability, step, shape, least):
     return Regions(cuts, held)
 
 
-def expected(probability):
+def expected(probability, sky=None):
     """(materials, h, w) float32 nats by which materials are expected, from probability (materials,
-    h, w); patches that are NaN are ignored."""
+    h, w), in which patches that are NaN are ignored; sky is its index, if any."""
     weight, rows = np.ones(len(probability)), range(probability.shape[1])
     says = np.isfinite(probability).all(axis=0)
     for _ in range(SWEEPS if says.any() else 0):
@@ -151,6 +158,9 @@ def expected(probability):
     nats = scratch.zeros(probability.shape, np.float32)
     for i in rows:
         nats[:, i] = HALF * np.log(np.maximum(_weighted(probability[:, i], weight), LEAST))
+    if sky is not None:
+        of_sky = np.where(says, probability[sky], 1)  # anything may be where nothing was measured
+        nats[sky, maximum_filter(of_sky, 2 * BORDER + 1) < SKY] = HALF * np.log(NO_SKY)
     return nats
 
 

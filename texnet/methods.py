@@ -105,8 +105,8 @@ def by_solver(library, smooth, report):
         off = OWN_CURVES * environment.curve_spread
         environment = replace(environment, curve_spread=off)
         if smooth:
-            return solve_smooth(cube, there(seen), environment, report, lap)
-        maps = solve_each(cube, there(seen), environment, regions, report("local"))
+            return solve_smooth(cube, there(seen), environment, expected, report, lap)
+        maps = solve_each(cube, there(seen), environment, expected, regions, report("local"))
         lap("local")
         return maps
 

@@ -96,7 +96,7 @@ class TeXModel(nn.Module):
         expected = log_expected.flatten(1)
 
         def see(spectra, expected):
-            s = stem(known, h, spectra)
+            s = stem(known, h, spectra, expected)
             air = s.brightness.amax(0)  # the temperature that its opaque bands show
             own = self.network.own(known, code, s, expected)
             return own, s.t, s.lighting, air, s.log_evidence, s.log_pure, s.log_mixed

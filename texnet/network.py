@@ -25,10 +25,11 @@ from torch import nn
 from torch.nn import functional
 
 from physics.evidence import evidence
+from physics.expected import SKY_NEAR
 from physics.hypotheses import NEVER, Hypotheses
 from physics.known import MAX_T, TERMS, Known
 from physics.planck import brightness_temperature, noise_sigma
-from physics.prior import lighting_scale
+from physics.prior import is_partly_sky, lighting_scale
 
 from .glance import STEP
 
@@ -58,10 +59,14 @@ class Stem(NamedTuple):
     brightness: torch.Tensor
 
 
-def stem(known: Known, h: Hypotheses, spectra):
-    """Stem of spectra (bands, P) W m-2 sr-1 um-1; known and its Hypotheses h are tensors."""
+def stem(known: Known, h: Hypotheses, spectra, expected=None):
+    """Stem of spectra (bands, P) W m-2 sr-1 um-1; known and its Hypotheses h are tensors. Pixels
+    where sky is expected (M, P) by less than SKY_NEAR are not partly sky."""
     k, materials = known.environment.shape[0], known.is_sky.shape[0]
     per_row, x = evidence(h, spectra / known.sigma[:, None])
+    if expected is not None:
+        far = (known.is_sky @ expected < SKY_NEAR).float()
+        per_row = per_row - NEVER * is_partly_sky(h.sky_share).float()[:, None] * far
     pure, mixed = pure_and_mixed(per_row, materials, NEVER)
     more = mixed - pure
     log_sum = _log_1p_exp(-more.abs())  # log(pure + mixed) minus the larger of both

@@ -136,7 +136,7 @@ def answered(of, library, way, calibration_error_k=0.0, lap=None, progress=None)
     cold, is_hot, hot_radiance = split_hot(of.cube)
     maps = glance.answer(
         partial(way.run, of.environment, lap=lap), partial(way.looks(), of.environment), cold,
-        len(library), way.expects,
+        len(library), library.sky_index, way.expects,
     )  # fmt: skip
     if is_hot.any():
         from .solver import solve_hot  # numba takes a second to load

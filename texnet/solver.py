@@ -1,15 +1,16 @@
 """local and sgd: exact solutions per pixel and material, and their semi-global refinement."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numba
 import numpy as np
 
 from physics.cube import hot
 from physics.exact.distill import distill
-from physics.exact.local import solve_local
+from physics.exact.local import LocalSolution, solve_local
 from physics.exact.reduced import Temperatures, reduce_model
 from physics.exact.semiglobal import Objective, smoothed, unsmoothed
+from physics.expected import SKY_NEAR
 from physics.machinery.blas import no_blas_threads
 from physics.machinery.tiles import TILE_BYTES, run_tiled
 from physics.planck import brightness_temperature
@@ -33,19 +34,20 @@ HOPELESS_ALONE = 15.0  # nats; a larger limit improved no tuning scene
 BYTES_PER_MATERIAL, BYTES_PER_BAND = 60, 12  # per pixel of an answer, about
 
 
-def solve_each(cube, library, environment, regions=None, progress=None):
+def solve_each(cube, library, environment, expected=None, regions=None, progress=None):
     """Maps of a Decomposition by name: each pixel of a HeatCube on its own, tile by tile.
 
+    expected  physics.expected.Expected, which says where pixels may be partly sky; None: everywhere
     regions   physics.expected.Regions that restrict the materials; None: all everywhere
     progress  called as progress(done, total)
     """
     model = _compiled(cube, library, environment)
     threads = numba.get_num_threads() if cube.radiance[0].size > FEW else 1
     with no_blas_threads():
-        return _by_tiles(model, cube.radiance, threads, regions, progress)
+        return _by_tiles(model, cube.radiance, threads, expected, regions, progress)
 
 
-def solve_smooth(cube, library, environment, report, lap):
+def solve_smooth(cube, library, environment, expected, report, lap):
     """The same plus "objective", with T and m smoothed, which needs the whole cube at once.
 
     report   report(what) gives a progress(done, total) or None
@@ -53,7 +55,8 @@ def solve_smooth(cube, library, environment, report, lap):
     """
     model = _compiled(cube, library, environment)
     with no_blas_threads():
-        local = solve_local(model, cube.spectra, report("local"))
+        near = _near_sky(model.library, expected, (0, 0), cube.shape)
+        local = _solved(model, cube.spectra, near, progress=report("local"))
         lap("local")
         objective = Objective(model, cube, local)
         answer = smoothed(objective, objective.local_state(), report("smooth"))
@@ -90,20 +93,45 @@ def _of_hot(wavelength_um, hot):
     return Temperatures(0.5 * (high + low), 0.5 * (high - low), usual, HOT_SPREAD_K)
 
 
-def _by_tiles(model, radiance, threads, regions=None, progress=None):
+def _by_tiles(model, radiance, threads, expected=None, regions=None, progress=None):
     """Maps of radiance (bands, height, width), each pixel on its own."""
     bands = len(radiance)
 
     def tile(part, _, corner):
         spectra = part.reshape(bands, -1).T
         among = regions and regions.at(*corner)
-        local = solve_local(model, spectra, hopeless=HOPELESS_ALONE, threads=1, among=among)
+        near = _near_sky(model.library, expected, corner, part.shape[1:])
+        how = dict(hopeless=HOPELESS_ALONE, threads=1, among=among)
+        local = _solved(model, spectra, near, **how)
         return _maps(part, model, local, unsmoothed(local), local_trust(bands), 1)
 
     each = BYTES_PER_MATERIAL * len(model.library) + BYTES_PER_BAND * bands
     cuts = regions and regions.cuts
     pixels = TILE_BYTES / threads / each
     return run_tiled(tile, radiance, 0, pixels, progress, at_once=threads, cuts=cuts)
+
+
+def _near_sky(library, expected, corner, shape):
+    """(P,) bool: which pixels of a tile may be partly sky, by what is Expected, if anything is."""
+    if expected is None or library.sky_index is None:
+        return np.ones(shape, bool).ravel()
+    of_sky = expected.of_tile(*corner, *shape, [library.sky_index])
+    return of_sky.ravel() >= SKY_NEAR
+
+
+def _solved(model, spectra, near, **how):
+    """The LocalSolution of spectra (P, bands), those near (P,) the sky possibly partly sky."""
+    if near.all():
+        return solve_local(model, spectra, **how)
+    kinds = [(at, partly) for at, partly in ((near, True), (~near, False)) if at.any()]
+    of_each = [solve_local(model, spectra[at], partly=partly, **how) for at, partly in kinds]
+    whole = {}
+    for field in fields(LocalSolution):
+        each = [getattr(local, field.name) for local in of_each]
+        whole[field.name] = np.empty((len(spectra), *each[0].shape[1:]), each[0].dtype)
+        for (at, _), a in zip(kinds, each, strict=True):
+            whole[field.name][at] = a
+    return LocalSolution(**whole)
 
 
 def _temperature_at_sky(spectra, model, local, state, sky, other, trust):

@@ -68,14 +68,16 @@ class LocalSolution:
 
 
 def solve_local(
-    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS, threads=None, among=None
-) -> LocalSolution:
+    model: ReducedModel, spectra, progress=None, hopeless=HOPELESS, threads=None, among=None,
+    partly=True,
+) -> LocalSolution:  # fmt: skip
     """Solve Eq. 6 for every pixel and material of spectra (P, bands), W m-2 sr-1 um-1.
 
     progress, if given, is called as progress(done, total); hopeless is in nats, see LocalSolution:
     less is faster, and enough where nothing but the evidence decides; threads are as many as
     numba's if None; among (L,) bool are the materials that may be there, one of them not sky, all
-    if None: the energy of the others is +inf, and without sky among them no pixel is partly sky.
+    if None: the energy of the others is +inf; partly is whether pixels may be partly sky, which
+    they are not without sky among the materials either.
     """
     pixels, shape = len(spectra), (len(spectra), len(model.library))
     energy = np.full(shape, np.inf, np.float32)
@@ -84,7 +86,7 @@ def solve_local(
     row = np.zeros(shape, np.int16)
     lighting = np.empty((pixels, model.k), np.float32)
     (linear, square), tables, of_t = model.of_all, model.tables, model.of_t
-    rows, tries, of_try, origin = _tries(model, among)
+    rows, tries, of_try, origin = _tries(model, among, partly)
     material, square = model.material[rows], square[rows]
     is_sky = model.library.is_sky[material]
     middle = len(model.sigma) // 2
@@ -112,11 +114,13 @@ def solve_local(
     return LocalSolution(energy, temperature, sigma, rows[row], lighting)
 
 
-def _tries(model, among):
+def _tries(model, among, partly):
     """What is tried: the model's rows (H,) that are hypotheses; of each its tries (H, 3), -1 for
     none; and of each try its hypothesis and the start (Q,)."""
     held = np.ones(len(model.library), bool) if among is None else among
-    rows = np.flatnonzero(prior.among(model.material, model.sky_share, model.library.is_sky, held))
+    rows = np.flatnonzero(
+        prior.among(model.material, model.sky_share, model.library.is_sky, held, partly)
+    )
     once = np.arange(len(rows))
     again = np.flatnonzero(model.emissivity[rows].mean(axis=1) < REFLECTS)
     tries = np.full((len(rows), 3), -1)
