@@ -27,21 +27,21 @@ class Environment(ReadOnly):
 
     radiance       (k, bands) W m-2 sr-1 um-1, finite and positive
     wavelength_um  (bands,) um, ascending
-    sky            which objects stand for the sky, by index; empty: none does
+    sky            indices of the objects that stand for the sky; empty if none does
     spread         (d, bands) one-sigma deviations of true surroundings from the k spectra
     skylight_spread  (d, bands) those of the sky's light from the objects that stand for it
-    error_k        what is left of that deviation in every band, as an NETD: K at 300 K; None: not
-                   known, and taken for 0 unless a cube's pixels tell (`estimate.completed`)
-    sky_mean       (bands,) mean of the sky's own pixels; None where it is not in view: then no
-                   pixel can be sky, or partly sky
+    error_k        the remaining deviation, in each band independently, as an NETD, K at 300 K;
+                   None: not known, and 0 unless a cube's pixels tell (`estimate.completed`)
+    sky_mean       (bands,) mean of the sky's own pixels; None if it is not in view: then no pixel
+                   can be sky, or partly sky
     sky_spread     (d, bands) one-sigma deviations of the sky's pixels from their mean
-    within         (len(sky), bands, n) the sky's objects at n wavelengths within each band, as
-                   `bands.quadrature` has them, in whatever unit; None: even
-    curve_spread   (d, bands) one-sigma deviations of what is no sky, since its curve may be off
-    usual_lighting (k,) V in the mean over the scene, a priori; None: 1/k each, unless its pixels
-                   ask for another (`lighting`)
+    within         (len(sky), bands, n) the sky's objects at the n nodes of `bands.quadrature`
+                   within each band, in any unit; None: constant within each band
+    curve_spread   (d, bands) one-sigma deviations of everything but sky, from errors of its curves
+    usual_lighting (k,) prior mean of V over the scene; None: 1/k each, unless the pixels suggest
+                   another (`lighting`)
 
-    Raises InputError where the data are not that.
+    Raises InputError if the data are not as described.
     """
 
     radiance: np.ndarray
@@ -133,7 +133,7 @@ class Environment(ReadOnly):
 
     @property
     def known_error_k(self):
-        """error_k, or 0 where it is not known."""
+        """error_k, or 0 if it is not known."""
         return self.error_k or 0.0
 
     @property
@@ -155,8 +155,8 @@ class Environment(ReadOnly):
         return replace(self, wavelength_um=self.wavelength_um[good], **cut)
 
     def at_nodes(self, nodes_um):
-        """(k, bands, n) the objects' spectra at nodes (bands, n) within each band, um, of which
-        `radiance` is the mean: the sky's as `within` says, the others' like black bodies."""
+        """(k, bands, n) the objects' spectra at nodes (bands, n) um within each band, with
+        `radiance` as their mean: the sky's shaped as in `within`, the others' like black bodies."""
         n = nodes_um.shape[1]
         if n == 1:
             return self.radiance[..., None].copy()
@@ -171,11 +171,11 @@ class Environment(ReadOnly):
         return light * (self.radiance / light.mean(axis=-1))[..., None]
 
     def off_by(self, kelvin, objects=None):
-        """The Environment whose objects, all or some (by index), may together be so many K warmer
-        or colder (one standard deviation), as `spread`: for spectra that were taken elsewhere or at
-        another time.
+        """The Environment with all of its objects, or some (by index), possibly warmer or colder
+        together by so many K (one standard deviation), which adds to `spread`: for spectra that
+        were measured elsewhere or at another time.
 
-        Raises InputError where kelvin is not 0-100.
+        Raises InputError if kelvin is not 0-100.
         """
         error = numbers(kelvin, "environment: off_by")
         if error.ndim or not 0 <= error <= 100:
@@ -192,13 +192,13 @@ class Environment(ReadOnly):
         return replace(self, spread=np.concatenate([self.spread, rows]))
 
     def with_curves_off_by(self, error):
-        """The Environment of materials whose emissivity may be off by error (one standard
-        deviation, 0..1), smoothly over SMOOTH_UM: by Eq. 1 that moves a spectrum by de (B - X).
+        """The Environment with the materials' emissivity possibly off by error (one standard
+        deviation, 0..1), smoothly over SMOOTH_UM: by Eq. 1 that changes a spectrum by de (B - X).
 
-        B is that of what is as warm as these objects and up to some 15 K warmer or colder, V as
-        likely as it is a priori. What was said of curves before no longer counts.
+        B is taken at the temperatures of these objects and up to some 15 K warmer or colder, V from
+        its prior. This replaces an earlier curve_spread.
 
-        Raises InputError where error is not 0-1."""
+        Raises InputError if error is not 0-1."""
         error = numbers(error, "environment: with_curves_off_by")
         if error.ndim or not 0 <= error <= 1:
             raise InputError(f"environment: curves may be off by 0-1 (of 1), got {error}.")
@@ -215,9 +215,9 @@ class Environment(ReadOnly):
         return replace(self, curve_spread=(direction * np.sqrt(variance.clip(0))).T[some])
 
     def check(self, cube):
-        """Raise InputError unless the environment may be that of a HeatCube: of its bands, with an
-        object that is no hotter than its pixels by far, with none that is sky and hotter in any
-        band, and with one that in some band is no colder than half of the pixels by far."""
+        """Raise InputError unless the environment is plausible for a HeatCube: it has the cube's
+        bands, some object is not far hotter than the pixels, no sky object is hotter than they are
+        in any band, and some object is in some band not far colder than half of the pixels."""
         self.check_bands(cube.wavelength_um)
         objects_k = brightness_temperature(self.wavelength_um, self.radiance)
         coldest, warmest = objects_k.mean(axis=1).min(), objects_k.max()
@@ -251,7 +251,7 @@ class Environment(ReadOnly):
             )
 
     def check_bands(self, wavelength_um):
-        """Raise InputError unless (bands,) wavelength_um, a cube's, are the environment's too."""
+        """Raise InputError unless the environment has a cube's bands, wavelength_um (bands,)."""
         own = self.wavelength_um
         if own.shape != wavelength_um.shape or not np.allclose(own, wavelength_um, 0, 1e-3):
             raise InputError(

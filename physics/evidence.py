@@ -1,13 +1,14 @@
 """Every material's evidence for every pixel, in a matrix product.
 
-A pixel comes as its noise-scaled spectrum s, the hypotheses as `hypotheses` sets them up: of each w
-and x^ are affine in the pixel's components z, so that for all of them and all pixels they are one
-product of a matrix with z and 1; and
+For each hypothesis, as set up by `hypotheses`, the whitened misfit w and the likeliest unknowns x^
+are affine functions of a pixel's components z (a projection of its noise-scaled spectrum s). For
+all hypotheses and pixels together they are thus the product of one matrix with (z, 1), and
 
     log p(z | h) = -|w|^2 / 2 - log det(L) + log prior.
 
-This is what `exact.local` computes exactly and far more slowly; it ranks materials almost as well,
-and a network can start from it. Plain torch operations, so that it goes into an ONNX file.
+`exact.local` computes this exactly, but far more slowly; the closed form ranks materials almost as
+well, and serves as the network's input. It uses plain torch operations, so that it can be exported
+to ONNX.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""Which materials are expected where, and which are looked for: what a glance tells a model."""
+"""What a glance tells a model: which materials to expect where, and which to look for."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -13,7 +13,7 @@ SKY_NEAR = -4.0
 
 
 class Expected(NamedTuple):
-    """nats (materials, h, w) float32 by which a material is expected from afar: point (i, j)
+    """nats (materials, h, w) float32 by which a material is expected after the glance; point (i, j)
     stands for the step x step pixels from (step i, step j) on.
     """
 
@@ -21,8 +21,8 @@ class Expected(NamedTuple):
     step: int
 
     def of_tile(self, top, left, height, width, materials=slice(None)):
-        """(materials, height, width) of the tile that begins at a pixel, of some materials; linear
-        between the points, constant beyond them."""
+        """(materials, height, width) nats for some materials in the tile that begins at pixel (top,
+        left); linear between the points, constant beyond them."""
         rows = _between(top, height, self.step, self.nats.shape[1])
         columns = _between(left, width, self.step, self.nats.shape[2])
         near = slice(rows[0][0], rows[1][-1] + 1)
@@ -31,15 +31,15 @@ class Expected(NamedTuple):
 
 
 class Regions(NamedTuple):
-    """The parts of a picture, side by side: cuts rows and columns between them, with the
-    picture's borders; held (parts down, parts across, materials) bool, which materials are looked
-    for in each, two at least."""
+    """The rectangular parts of a picture: cuts are the rows and columns between them, including the
+    picture's borders; held (parts down, parts across, materials) bool says which materials are
+    looked for in each, at least two."""
 
     cuts: tuple[tuple[int, ...], tuple[int, ...]]
     held: np.ndarray
 
     def at(self, row, column):
-        """(materials,) bool: which are looked for where a pixel is."""
+        """(materials,) bool: which are looked for at a pixel."""
         i, j = (
             np.searchsorted(cuts, at, "right") - 1
             for cuts, at in zip(self.cuts, (row, column), strict=True)
@@ -63,12 +63,12 @@ class Regions(NamedTuple):
 
 
 def only(known, held):
-    """Known's fields (`physics.known`) with the materials held: a mask of all, or indices."""
+    """Known's fields (`physics.known`) for only the materials held, a mask or indices."""
     return known | {name: known[name][held] for name in ("emissivity", "is_sky")}
 
 
 def among_all(maps, held):
-    """Maps by the materials that are held, a mask of all, -> by all, the others' probability 0."""
+    """Maps for the materials that are held, a mask, -> for all, the others with probability 0."""
     of_held = maps["material_probability"]
     every = scratch.zeros((len(held), *of_held.shape[1:]), of_held.dtype)
     for row, m in enumerate(np.flatnonzero(held)):

@@ -1,34 +1,36 @@
-"""What evidence and refinement take of every hypothesis, whatever the pixel: numpy, once a scene.
+"""What evidence and refinement need of every hypothesis, independent of the pixel: computed by
+numpy, once a scene.
 
-A hypothesis is one of `prior.Mixtures`: a material, pure or partly sky. Let T and V of Eq. 1 have
-Gaussian priors instead of bounds, and write B(T) as a series in Hermite polynomials of
-t = (T - T_0) / tau, whose coefficients are uncorrelated with unit variance when t is a standard
-normal number. Each is taken for free by itself, which makes all hypotheses less likely, by nearly
-as much; the spectrum of a pixel of hypothesis h is then Gaussian too. In noise units,
+A hypothesis is one of `prior.Mixtures`: a material that fills the pixel, or shares it with sky.
+Give T and V of Eq. 1 Gaussian priors instead of bounds, and expand B(T) in Hermite polynomials of
+t = (T - T_0) / tau, whose values are uncorrelated with unit variance if t is standard normal. If
+each of them is treated as a free unknown (which lowers the evidence of all hypotheses, by nearly
+the same amount), the spectrum of a pixel under hypothesis h is Gaussian, too. In noise units,
 
     s ~ N(mu_h, C_h),     C_h = 1 + diag(g_h^2 error^2) + F_h' F_h
 
-with, in the rows of F_h, what the pixel is free in, one standard deviation long:
+where the rows of F_h are the directions in which the pixel may vary, one standard deviation long:
 
     g_h spread, g_h skylight_spread, (1 - alpha) curve_spread,
     alpha sky_spread, alpha's own step                                     (deviations)
     (1 - alpha)(1 - e_m)(S_j - mean S) / sqrt(3 k)                         (lighting, x_V)
     (1 - alpha) e_m B_1 .. B_n                      B's series             (temperature, x_T)
 
-about mu_h, which is that of the usual V. g_h = (1 - alpha)(1 - e_m); of wide bands e_m B and (1 -
-e_m) S_j are the means of products. Of s only z = U s is looked at, the few components (`basis`) in
-which the scene's spectra differ by more than noise. With U C_h U' = L L',
+and mu_h is the spectrum at the usual T and V. Here g_h = (1 - alpha)(1 - e_m); in wide bands e_m B
+and (1 - e_m) S_j are means of products. Only z = U s is used, the few components (`basis`) in which
+the scene's spectra differ by more than noise. With U C_h U' = L L',
 
     w = L^-1 (z - U mu),         log p(z | h) = -|w|^2 / 2 - log det(L) + log prior,
     x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
 
-are the evidence (of a camera with less noise what it would be in the mean with the noise that is
-missing: less tr(L^-1 U diag(quiet) U' L'^-1) / 2, or what leaves least room, blackest of all, would
-be the likeliest by far), and mean and covariance of x = (x_V, x_T) given z: any other x costs
-(x - x^)' S^-1 (x - x^) / 2 nats. `refinement` moves V's prior to a guess, of kappa times the
-precision, for which it takes S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2. Components are scaled by
-how far spectra differ in them, which makes z of order one, and |w|^2 is a sum of squares: float32
-is enough for the pixels.
+are the evidence, and the mean and covariance of x = (x_V, x_T) given z: any other x costs
+(x - x^)' S^-1 (x - x^) / 2 nats. If the camera has less noise than is assumed (`HeatCube.quiet`), the
+evidence is what it would be in the mean with the missing noise, lower by tr(L^-1 U diag(quiet) U'
+L'^-1) / 2; otherwise the hypotheses with least freedom, the blackest materials, would win by far.
+`refinement` replaces V's prior by one about a guess, with kappa times the precision, and for that
+uses S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2. Components are scaled by how far spectra differ in
+them, so that z is of order one, and |w|^2 is a sum of squares: float32 is precise enough for the
+pixels.
 """
 
 from typing import NamedTuple
@@ -47,15 +49,15 @@ NEVER = 1e15  # nats; misfits reach 1e12
 
 
 class Hypotheses(NamedTuple):
-    """R hypotheses (`prior.Mixtures`; of a scene, see `_enough`), q rows of F of which the last
-    r = k + n are x; float32 arrays or tensors.
+    """R hypotheses (`prior.Mixtures`; for a scene, see `_enough`), with q rows of F, the last
+    r = k + n of which belong to x; float32 arrays or tensors.
 
-    sky_share (R,) alpha; alpha_step (R, bands) what one standard deviation of alpha changes,
-    W m-2 sr-1 um-1; centre (bands,) and basis (d, bands), that of `known`: z = basis (s - centre);
-    to_w (R, d, d + 1) and to_x (R, r, d + 1): w and x^ in z and 1; offset (R,) log p(z | h) where
-    w is 0; to_deviation (R, q - r, d), deviation_0 (R, q - r) and sensitivity (R, q - r, r): the
+    sky_share (R,) alpha; alpha_step (R, bands) the effect of one standard deviation of alpha,
+    W m-2 sr-1 um-1; centre (bands,) and basis (d, bands), as in `known`: z = basis (s - centre);
+    to_w (R, d, d + 1) and to_x (R, r, d + 1) give w and x^ from (z, 1); offset (R,) log p(z | h) at
+    w = 0; to_deviation (R, q - r, d), deviation_0 (R, q - r) and sensitivity (R, q - r, r): the
     likeliest deviations are to_deviation z + deviation_0 - sensitivity (x - x^); precision
-    (R, r, r) S^-1, float64, for `blocks_of` alone.
+    (R, r, r) S^-1, float64, for `blocks_of` only.
     """
 
     sky_share: np.ndarray
@@ -72,12 +74,12 @@ class Hypotheses(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """What refinement's steps need of every hypothesis, float32 arrays or tensors.
+    """What the steps of refinement need of every hypothesis, float32 arrays or tensors.
 
-    determinant (R,) what the other prior on V changes of the evidence, nats; pulled (R, r, k)
-    the columns of S_2 by which a guess of V moves x^; vv (R, k, k), vt (R, k, n), tt (R, n, n) the
-    blocks of L'_2, V being less the usual one here; solve (R, k, k) the inverse of vv; covariance
-    (R, k, k) of V given T.
+    determinant (R,) the change of the evidence by the other prior on V, nats; pulled (R, r, k) the
+    columns of S_2 by which a guess of V moves x^; vv (R, k, k), vt (R, k, n), tt (R, n, n) the
+    blocks of L'_2, for V minus the usual V; solve (R, k, k) the inverse of vv; covariance (R, k, k)
+    of V given T.
     """
 
     determinant: np.ndarray
@@ -96,10 +98,10 @@ ONE_BY_ONE = {*Hypotheses._fields, *Blocks._fields} - {*COMMON, *INTERNAL}  # of
 
 
 def set_up(known):
-    """All that a model is told of a scene, float32 arrays by name: those of `known.known_arrays`,
-    of Hypotheses and of Blocks, but INTERNAL.
+    """All that a model is told about a scene, as float32 arrays by name: those of
+    `known.known_arrays`, Hypotheses and Blocks, except INTERNAL.
 
-    Raises InputError where these are not finite, or noise is too little beside them.
+    Raises InputError if they are not finite, or the noise is too small relative to the spectra.
     """
     for name, a in known.items():
         if not np.isfinite(a).all():
@@ -114,15 +116,15 @@ def set_up(known):
 
 
 def of_materials(scene, held):
-    """A scene as from `set_up`, of the materials that are held, a mask of all."""
+    """A scene from `set_up`, restricted to the materials that are held, a mask over all."""
     material = np.arange(len(scene["offset"])) % len(held)
     rows = among(material, scene["sky_share"], scene["is_sky"] > 0, held)
     return _enough(only(scene, held) | {name: scene[name][rows] for name in ONE_BY_ONE})
 
 
 def _enough(scene):
-    """A scene with COMPARED hypotheses at least: if there are fewer, all again, as what cannot
-    be."""
+    """A scene with at least COMPARED hypotheses; if it has fewer, all are repeated with zero
+    probability."""
     if len(scene["offset"]) >= COMPARED:
         return scene
     twice = {name: np.concatenate([scene[name]] * 2) for name in ONE_BY_ONE}
@@ -136,7 +138,7 @@ def part_of(scene, kind):
 
 
 def hypotheses_of(known) -> Hypotheses:
-    """Set up all hypotheses of a scene, of which known_arrays (`known`) tell."""
+    """Set up all hypotheses of a scene, described by known_arrays (`known`)."""
     x = {name: np.asarray(a, np.float64) for name, a in known.items()}
     sky, sigma, k = x["is_sky"], x["sigma"], len(x["environment"])
     in_view = bool(x["sky_mean"].max() > 0)
@@ -185,7 +187,7 @@ def hypotheses_of(known) -> Hypotheses:
 
 
 def blocks_of(h: Hypotheses, k, precision=GUESS_PRECISION) -> Blocks:
-    """L'_2 of a precision kappa, by what its parts mean."""
+    """The parts of L'_2 for a precision kappa."""
     scale, r = lighting_scale(k), h.precision.shape[1]
     of_v = np.diag((np.arange(r) < k) * (precision - 1.0))
     lower, inverse = _cholesky(h.precision + of_v)

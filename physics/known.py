@@ -1,4 +1,4 @@
-"""What the network is told of a scene: numpy arrays from a cube, a library, an environment."""
+"""What a model is told about a scene: numpy arrays from a cube, a library and an environment."""
 
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ LIBRARY_SHARE = 0.1  # of the library's covariance beside the pixels'
 
 
 class Known(NamedTuple):
-    """What is known of a scene beside its pixels: float32 arrays or tensors.
+    """What is known about a scene besides its pixels: float32 arrays or tensors.
 
     nodes_um (bands, n) um, quadrature nodes of every band; sigma (bands,) its noise;
     emissivity (materials, bands, n) at the nodes; is_sky (materials,) 1 for the sky, else 0;
@@ -29,7 +29,7 @@ class Known(NamedTuple):
     sky_object (k,) 1 for the objects that stand for the sky; usual_lighting (k,) the usual V;
     spread, skylight_spread, curve_spread, sky_spread (d, bands) and error (bands,) as in
     Environment;
-    sky_mean (bands,), or zeros where no sky is in view;
+    sky_mean (bands,), or zeros if no sky is in view;
     quiet (bands,) as in HeatCube;
     prior_k (2,) K: mean and standard deviation of T's prior: what is usual in the scene, and
     wide enough for all but a few in a hundred pixels;
@@ -60,8 +60,8 @@ class Known(NamedTuple):
 def known_arrays(cube, library, environment):
     """The fields of Known as a dict of float32 arrays.
 
-    Raises InputError where library or environment are not for the cube's bands, or where the
-    library is a single material.
+    Raises InputError if the library or the environment does not fit the cube's bands, or the
+    library holds a single material.
     """
     environment.check_bands(cube.wavelength_um)
     if len(library) < 2:
@@ -95,8 +95,8 @@ def known_arrays(cube, library, environment):
 
 
 def bytes_per_pixel(known):
-    """About what a pixel takes, at most, on its way to an answer, by known_arrays, beside the chunk
-    at work: its spectrum in several layouts, maps of all materials, the network's channels."""
+    """Approximate memory per pixel, at most, given known_arrays, besides the chunk being worked on:
+    its spectrum in several layouts, maps of all materials, and the network's channels."""
     materials, bands, _ = known["emissivity"].shape
     return 16 * bands + 40 * materials + 700
 

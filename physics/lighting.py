@@ -1,24 +1,26 @@
 """How much the sky lights a scene, from the cube's own pixels: an empirical Bayes prior on V.
 
-A priori V is as near to 1/k as to anything, and of the usual k = 5 objects three are the sky's. On
-open ground that is so. In a wood or a street less of the hemisphere is sky, and what reflects, as
-bark and brick do, would have had to tune its V; blacker grass and soil would not, and with few
-bands would be likelier in all pixels alike. So the sky's share of the usual V is moved down to
-where the pixels are likelier, by steps of EM (Dempster et al. 1977) in the model of `hypotheses`,
+The default prior mean of V is 1/k for each object, and of the usual k = 5 objects three stand for
+the sky. That suits open ground. In a wood or a street less of the hemisphere is sky: reflective
+materials such as bark and brick then need a V far from the prior, blacker ones such as grass and
+soil do not, and with few bands the blacker ones would be likelier in all pixels. So the sky's share
+of the usual V is lowered to where the pixels are likelier, by steps of EM (Dempster et al. 1977) in
+the model of `hypotheses`,
 
     share  <-  sum_pixels sum_h p(h | z) E[V_sky | z, h]  /  sum_pixels sum_h p(h | z),
 
-h being all hypotheses but the sky.
+where h runs over all hypotheses except the sky.
 
-Scenes used for tuning (78, 3 to 54 bands, `net+sgd`) set the rest. Three steps do nearly all of it.
-It is moved only if pixels are likelier by WORTH, and in between by a part of the way. With four
-bands pixels of woods and streets were likelier by 0.06 nats and less, where 5 points more were
-right at most, or by 0.13 to 0.41, where 5 to 20 more were; elsewhere by 0.08 and less, but of two
-scenes where it was 0.08, 33 and 38 points fewer. With six bands and more it did no harm anywhere,
-and good from 0.03 on. With three, where most is `unknown`, it was wrong at 0.06 and 0.3 (three
-scenes, by 9 to 13 points), and right by 5 to 23 points from 0.15 on in all others. To move it up,
-too, or each object's own, named up to 4 points fewer right on open ground and in rooms, and no more
-in woods and streets.
+The constants were chosen on 78 scenes used for tuning (3 to 54 bands, `net+sgd`). Three steps are
+nearly enough. The share is moved only if that makes pixels likelier by WORTH, and below that part
+of the way. With four bands, pixels of woods and streets became likelier by up to 0.06 nats, with at
+most 5 points more materials right, or by 0.13 to 0.41 nats, with 5 to 20 points more; elsewhere by
+up to 0.08 nats, but in two scenes, at 0.08, with 33 and 38 points fewer right. With six bands and
+more it did no harm anywhere, and helped from 0.03 nats on. With three bands, where most pixels are
+`unknown`, it was wrong at 0.06 and 0.3 nats (three scenes, 9 to 13 points), and better by 5 to 23
+points in all others from 0.15 nats on. Raising the share, too, or moving each object's share
+separately gave up to 4 points fewer right on open ground and in rooms, and no more in woods and
+streets.
 """
 
 from dataclasses import replace
@@ -40,7 +42,7 @@ WORK = 1 << 22  # pixels times components of all hypotheses, at once
 
 def as_lit(environment, cube, library, left_out=None, *, error_k=0.0, objects=None, curves=0.0):
     """The Environment of a HeatCube with the V that is usual in its scene (`with_usual_lighting`),
-    of which all or some objects may be error_k K off, of materials whose curves may be off by so
+    with all or some objects possibly error_k K off, and the materials' curves possibly off by so
     much (`Environment.off_by` and `with_curves_off_by`, which depend on that V)."""
 
     def allowing(environment):
@@ -52,9 +54,9 @@ def as_lit(environment, cube, library, left_out=None, *, error_k=0.0, objects=No
 
 
 def with_usual_lighting(environment, cube, library, left_out=None):
-    """The Environment of a HeatCube, of a right camera, with the V that is usual in its scene, by a
-    MaterialLibrary; as it is, where it says what is usual, all or nothing of it is sky, or there is
-    nothing to choose.
+    """The Environment of a HeatCube from a calibrated camera, with the V that is usual in its scene
+    according to a MaterialLibrary; unchanged if it states what is usual, if all or none of it is
+    sky, or if there is nothing to choose.
 
     left_out  (height, width) bool: pixels that say nothing, the dead ones among them
     """

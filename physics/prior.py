@@ -30,12 +30,12 @@ def lighting_scale(k):
 
 
 class Mixtures(NamedTuple):
-    """What a pixel may be, R hypotheses, (R,) each: every material pure and, where sky is in view
-    and one of the materials, partly sky.
+    """What a pixel may be: R hypotheses, every material filling the pixel and, if sky is in view
+    and among the materials, every material sharing it with sky. All fields are (R,).
 
-    material is its index; sky_share the mean of the sky's share in the pixel, alpha, and
-    share_sigma its standard deviation; prior is the share of all pixels that are pure, or mixed,
-    under a sky in view, whether it is one of the materials or not.
+    material is the index of the material; sky_share and share_sigma are mean and standard deviation
+    of alpha, the sky's share in the pixel; prior is the share of all pixels that are pure, or
+    mixed, if sky is in view, whether it is among the materials or not.
     """
 
     material: np.ndarray
@@ -45,7 +45,7 @@ class Mixtures(NamedTuple):
 
     @staticmethod
     def of(is_sky, in_view):
-        """Those of materials of which is_sky (materials,) are the sky, in view or not; all pure
+        """Those of materials with is_sky (materials,), the sky being in view or not; the pure ones
         come first."""
         sky = np.asarray(is_sky, bool)
         kinds = [(1.0 * sky, 0.0, 1 - MIXED_SHARE * in_view)]
@@ -56,13 +56,13 @@ class Mixtures(NamedTuple):
 
 
 def deviations(of, reflected, around, alpha_step, sigma):
-    """(R, d, bands) what spectra of Mixtures may deviate by, each a standard deviation in noise
-    units sigma (bands,): the surroundings from the k objects, the library's curves, the sky in
-    view, and its share in the pixel.
+    """(R, d, bands) directions in which spectra of Mixtures may deviate, each one standard
+    deviation long, in noise units sigma (bands,): by the surroundings, the library's curves, the
+    sky in view, and its share in the pixel.
 
-    reflected   (R, bands) (1 - alpha)(1 - e), of the surroundings' light
-    around      what has the deviations of an Environment, W m-2 sr-1 um-1
-    alpha_step  (R, bands) what one standard deviation of alpha changes, W m-2 sr-1 um-1
+    reflected   (R, bands) share of the surroundings' light that is reflected, (1 - alpha)(1 - e)
+    around      an Environment, or what has its deviations, W m-2 sr-1 um-1
+    alpha_step  (R, bands) effect of one standard deviation of alpha, W m-2 sr-1 um-1
     """
     share, reflected = of.sky_share[:, None, None], reflected[:, None]
     rows = [
@@ -73,13 +73,13 @@ def deviations(of, reflected, around, alpha_step, sigma):
 
 
 def among(material, sky_share, is_sky, held, partly=True):
-    """(R,) bool: which of the hypotheses are looked for where materials held (materials,) bool
-    are: none partly sky where the sky is not held, or partly is false."""
+    """(R,) bool: which hypotheses are considered if only the materials held (materials,) bool are:
+    none that is partly sky if the sky is not held, or partly is false."""
     return held[material] & (~is_partly_sky(sky_share) | (partly and (held & is_sky).any()))
 
 
 def is_partly_sky(sky_share):
-    """Which hypotheses have a share of sky (R,), an array or a tensor, that is neither 0 nor 1."""
+    """Which hypotheses have a sky_share (R,), an array or a tensor, that is neither 0 nor 1."""
     return (sky_share > 0) & (sky_share < 1)
 
 
@@ -97,13 +97,15 @@ class SampledSpectra(NamedTuple):
 
 
 def usual_temperature(cube, environment, pixels):
-    """K: the median of what a HeatCube's SampledSpectra, but those of the Environment's sky, look
-    like in the band in which they look warmest, the most opaque. It is that of most objects,
-    whatever these are made of: a mirror too looks nearly as warm as they where the sky is opaque.
-    Nor is it less than the sky's own there, which is about the air's: mirrors of the clear sky
-    overhead look colder than the sky in view. Where no band is opaque mirrors look much colder than
-    they are; if they are the colder half of the pixels, as their bands tell (of three and more), it
-    is not far below the warmest tenth.
+    """The usual temperature of a scene, K: the median brightness temperature of a HeatCube's
+    SampledSpectra, without the Environment's sky, in the band in which they look warmest, the most
+    opaque one. There most objects show their temperature whatever they are made of, since even a
+    mirror looks nearly as warm as the others if the sky is opaque.
+
+    It is not below the brightness temperature of the sky in view in that band, about that of the
+    air, because mirrors of the clear sky overhead look colder than the sky in view. If no band is
+    opaque, mirrors look much colder than they are; if they make up the colder half of the pixels,
+    as three bands or more can tell, it is not far below the warmest tenth.
     """
     t = pixels.brightness_k
     if environment.sky_mean is None:

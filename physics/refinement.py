@@ -1,28 +1,29 @@
 """TeX-SGD unrolled: Gauss-Newton steps on Eq. 1 for the few likeliest hypotheses of a pixel.
 
-From `hypotheses` and `evidence` a pixel and a hypothesis come as x^ and S^-1. In x = (V', c(T)), V'
-being (V - V_usual) / v with v the prior standard deviation, c(T) the Hermite polynomials of
-t = (T - T_0) / tau, Eq. 1 costs, in nats over the evidence and with V on the simplex,
+`hypotheses` and `evidence` describe a pixel and a hypothesis by x^ and S^-1. Let x = (V', c(T)),
+with V' = (V - V_usual) / v, v the prior standard deviation, and c(T) the Hermite polynomials of
+t = (T - T_0) / tau. With V on the simplex, the cost of T and V in nats, beyond the evidence, is
 
     E(T, V) = (x - x^)' S^-1 (x - x^) / 2                 Eq. 1, and the priors of `hypotheses`
               - |V'|^2 / 2 + kappa |V' - V'_0|^2 / 2      V's prior is moved to a guess V_0
               + (T - T_0)^2 / (2 tau_1^2) - |c(T)|^2 / 2  T's is made narrower
 
-(tau covers nearly every pixel, for the series' sake; a mirror's T is better guessed than that.)
-V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull p = kappa V'_0 -
-(kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 and a constant. What the
-other priors change of the evidence's determinant belongs to E, too; not that it counts the series'
-coefficients as free, by which what reflects little is up to some 3 nats less likely beside metals
-than it should be: the network was trained with that. L'_2 is triangular, so its last rows are E of
-T alone, V being free: FREE_STEPS of Newton's there, which cost little. Then a step of T and V, or
-several:
+(tau must cover nearly every pixel, so that the series holds; T of a mirror is better constrained
+than that.) V's part is quadratic: with S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2 and the pull
+p = kappa V'_0 - (kappa - 1) V'^, the first two lines are |L'_2 (x - x^ - S_2 p)|^2 / 2 plus a
+constant. E also includes the change of the evidence's determinant by the other priors. It does not
+correct for the series' coefficients being treated as free, which makes materials that reflect
+little up to some 3 nats less likely, compared with metals, than they should be; the network was
+trained with that. L'_2 is triangular, so its last rows give E as a function of T alone, with V
+free: FREE_STEPS of Newton's method on these cost little. Then follow one or more steps of T and V
+together:
 
-1. linearise c at the present T: mean and covariance, the inverse Fisher information, of (T, V);
-2. while some V_j < 0, condition this Gaussian on the most doubtful being zero (a rank-one
-   update of mean and covariance), five times at most: with ten objects one pixel in twenty then
-   has an E of up to 1 nat too much, and T some hundredths of a kelvin off.
+1. linearise c at the present T: mean and covariance (the inverse Fisher information) of (T, V);
+2. while some V_j < 0, condition this Gaussian on the V_j that is most sigmas below zero being zero
+   (a rank-one update of mean and covariance), five times at most: with ten objects, E of one pixel
+   in twenty is then up to 1 nat too high, and its T off by some hundredths of a kelvin.
 
-All arrays have their pixels last, so that many pixels are worked on at once.
+In all arrays pixels are the last axis, so that many pixels are processed at once.
 """
 
 from typing import NamedTuple
@@ -56,10 +57,10 @@ class Refined(NamedTuple):
 def refine(
     b: Blocks, x, row, t, guess, usual, width=1.0, steps=STEPS, precision=GUESS_PRECISION
 ) -> Refined:
-    """Minimise E from t (P,) and guess (k, P) for the hypotheses row (P,), of a usual V (k,).
+    """Minimise E from t (P,) and guess (k, P) for the hypotheses row (P,) and the usual V (k,).
 
     x (k + n, P) are the x^ of `evidence` for these hypotheses; width is tau_1 / tau, at most 1;
-    steps, at least 1, are those of T and V; precision is the kappa of b.
+    steps, at least 1, is the number of steps of T and V; precision is the kappa of b.
     """
     k = guess.shape[0]
     scale = lighting_scale(k)
@@ -104,8 +105,8 @@ def refine(
 def deviations(h: Hypotheses, z, x, row, t, lighting, usual):
     """(q - r, P) likeliest coefficients of the deviations, in the order of the rows of F.
 
-    z (d, P) by `components` and x (r, P) by `likeliest` of the hypotheses row (P,), at t (P,) and
-    lighting (k, P), the usual one being (k,).
+    z (d, P) from `components` and x (r, P) from `likeliest` for the hypotheses row (P,), at t (P,)
+    and lighting (k, P); usual (k,) is the usual V.
     """
     v = (lighting - usual[:, None]) / lighting_scale(lighting.shape[0])
     at = torch.cat([v, hermite(t)[0]])
