@@ -24,13 +24,13 @@ the scene's spectra differ by more than noise. With U C_h U' = L L',
     x^ = (L^-1 U F_x')' w,       S = 1 - (L^-1 U F_x')' (L^-1 U F_x')
 
 are the evidence, and the mean and covariance of x = (x_V, x_T) given z: any other x costs
-(x - x^)' S^-1 (x - x^) / 2 nats. If the camera has less noise than is assumed (`HeatCube.quiet`), the
-evidence is what it would be in the mean with the missing noise, lower by tr(L^-1 U diag(quiet) U'
-L'^-1) / 2; otherwise the hypotheses with least freedom, the blackest materials, would win by far.
-`refinement` replaces V's prior by one about a guess, with kappa times the precision, and for that
-uses S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2. Components are scaled by how far spectra differ in
-them, so that z is of order one, and |w|^2 is a sum of squares: float32 is precise enough for the
-pixels.
+(x - x^)' S^-1 (x - x^) / 2 nats. If the camera has less noise than is assumed (`HeatCube.quiet`),
+the evidence is what it would be in the mean with the missing noise, lower by
+tr(L^-1 U diag(quiet) U' L'^-1) / 2; otherwise the hypotheses with least freedom, the blackest
+materials, would win by far. `refinement` replaces V's prior by one about a guess, with kappa times
+the precision, and for that uses S_2^-1 = S^-1 + (kappa - 1) 1_V = L_2 L'_2. Components are scaled
+by how far spectra differ in them, so that z is of order one, and |w|^2 is a sum of squares: float32
+is precise enough for the pixels.
 """
 
 from typing import NamedTuple
