@@ -1,23 +1,24 @@
-"""Bands that tell nothing of the scene, or less than others: found from the cube alone.
+"""Bands that tell nothing about the scene, or less than others: found from the cube alone.
 
-In kelvin at 300 K a working band shows the scene's contrast and the sensor's noise, which is what
-the other bands do not predict (`netd`). Bad is a band that is
+Expressed in kelvin at 300 K, a working band shows the scene's contrast and the sensor's noise, the
+part that the other bands do not predict (`netd`). A band is bad, and left out, if it is
 
     stuck   the same everywhere while others vary; or varies by less than STUCK_NOISE times the
             usual noise (the bands' median) and by less than STUCK_SHARE of what the live
             bands on both sides do
     noisy   NOISY times as noisy as usual
     dark    without radiance in more than a few pixels (`dead_pixels`)
-    off     OFF_K warmer, or colder, than both bands beside it, which are close to it, in half of
-            the pixels; of a tenth of the bands at most: if more are, it is not they alone
+    off     OFF_K warmer, or colder, than both neighbouring bands, if these are close to it, in half
+            of the pixels; this applies to a tenth of the bands at most, since more of them would
+            mean that something else is wrong
 
-and left out. Of MANY_BANDS one that is UNEVEN times as noisy as usual, or more, is taken to be so,
-unless the cube says how its bands' noise differs.
+With MANY_BANDS, a band that is at least UNEVEN times as noisy as usual is assigned that noise,
+unless the cube states how its bands' noise differs.
 
-With fewer than LEAST_BANDS bands, or few pixels, only what is the same everywhere is certain. With
-MANY_BANDS or more, a usual noise that is MORE times the NETD that is stated (as in a striped cube)
-or more is taken instead; and so is one that is as much less by bands that lie apart, too, since
-what fits far better than noise would let it looks surer than it is.
+With fewer than LEAST_BANDS bands, or few pixels, only bands that are the same everywhere can be
+recognised. With MANY_BANDS or more, the usual noise replaces the stated NETD if it is at least MORE
+times as much (as in a striped cube), or as many times less, also by bands that lie apart: a fit
+that is far better than the noise allows would look surer than it is.
 
 On 72 cubes of path-traced scenes outside the test sets, 9 to 54 bands, a good band was at most 2.1
 times as noisy as usual, whether their NETD was 0, 5, 20, 50, 200 or 1000 mK; with 54 bands the

@@ -1,10 +1,10 @@
 """Pixels without a measurement: found by values that no scene has in a band that shows the scene,
 and given the spectrum of the nearest pixel that is not dead.
 
-That spectrum is no measurement: what a pixel so filled is answered is to be called unknown. Every
-detector has a few such pixels. A band in which more are so is itself dead, and says nothing of any
-pixel. Beyond the edges of an orthorectified picture nothing was seen: there every band holds zero,
-NaN or infinity, in as many pixels as it may be.
+That spectrum is no measurement, so the answer for such a pixel must be called unknown. Every
+detector has a few dead pixels. A band in which more pixels are dead is itself dead, and says
+nothing about any pixel. Beyond the edges of an orthorectified picture nothing was seen: there every
+band holds zero, NaN or infinity, in however many pixels.
 """
 
 import numpy as np

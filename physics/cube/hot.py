@@ -1,14 +1,15 @@
 """Pixels far hotter than the rest: fires, flares, furnaces.
 
-What is usual in a scene says nothing of their temperature; and as one of its k objects, of which
-any pixel may mirror any share, they would explain all that is warm as a mirror of them. So they are
-taken out, as if they were dead, and solved apart, by what is usual among themselves. In an
-environment that is estimated they shine as a deviation of the surroundings: of their mean, their
-share of the picture, LIT at most, is one standard deviation. Curves and bands are known to a share
-of the radiance, KNOWN, which of such pixels is far more than the camera's noise.
+What is usual in a scene says nothing about their temperature. And as one of the k objects, which
+any pixel may reflect to any degree, they would explain everything warm as a mirror of them. So they
+are removed, as if they were dead, and solved separately, with what is usual among themselves as the
+prior. In an estimated environment their light appears as a deviation of the surroundings: one
+standard deviation is their mean spectrum times their share of the picture, LIT at most. Curves and
+bands are only known to a fraction of the radiance, KNOWN, which for such pixels is far more than
+the camera's noise.
 
-Found on 21 path-traced scenes of no split in 9 and 54 bands, in each of which an object of 0.4 to
-44 % of the pixels was 300 K hotter than before. LIT from 0.05 to 0.2 was as good, 0.02 worse.
+Chosen on 21 path-traced scenes of no split with 9 and 54 bands, in each of which an object of 0.4
+to 44 % of the pixels was made 300 K hotter. LIT from 0.05 to 0.2 was as good, 0.02 worse.
 """
 
 from dataclasses import replace

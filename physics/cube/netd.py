@@ -1,21 +1,22 @@
 """The sensor's noise, from a cube's own pixels.
 
-A pixel differs from the next on a diagonal by the picture's texture and by noise. Where the picture
-is calm, spectra of texture fill few dimensions: with C the covariance of such differences, row b of
-its inverse is band b less all that the other bands predict of it, as a sum of bands. It also holds
-the others' noise; scaled to a length of 1 it has the noise of one band, if all are alike. Calm are
-the pixels where the other diagonal of the same square differs least, whose noise is its own.
+Diagonal neighbours differ by the picture's texture and by noise. Where the picture is calm, spectra
+of texture fill few dimensions: with C the covariance of such differences, row b of its inverse, as
+a weighted sum of bands, is band b minus all that the other bands predict of it. The sum also
+contains the others' noise; scaled to a length of 1 it has the noise of one band, if all are equally
+noisy. The calm pixels are those where the other diagonal of the same square, whose noise is
+independent, differs least.
 
-Noise that bands share, as of a spectrum that was apodised or resampled, other bands predict. Where
-bands are so many that those which lie APART predict the texture, too, it is also looked at in
-these, and taken from there if it is SHARED times as much. Where they are many, scenes fill less
-than half of their principal components, and noise is at least the median of these, but for the few
-pixels that differ in that half far more than most: detectors that are defective, and would make up
-all of it. One band predicts nothing: there noise is the second differences down the rows, where
-they are least.
+Noise that bands share, as in a spectrum that was apodised or resampled, is predicted by the other
+bands. If there are so many bands that those which lie APART predict the texture, too, noise is also
+estimated from these, and that estimate is taken if it is SHARED times as large. With many bands,
+scenes fill less than half of the principal components, and noise is at least the median of these,
+without the few pixels that differ in that half far more than most: defective detectors, which would
+dominate it. A single band predicts nothing: there noise is estimated from second differences down
+the rows, where they are least.
 
-What varies from pixel to pixel in all bands alike looks like noise: with few bands and a quiet
-camera it comes out too large (`benchmarks.netd`).
+What varies from pixel to pixel in all bands in the same way looks like noise, so with few bands and
+a quiet camera the estimate is too large (`benchmarks.netd`).
 """
 
 import numpy as np

@@ -1,5 +1,5 @@
-"""A cube ready to be explained: without bad bands, of known noise, at least what k objects leave
-out, at the wavelengths that its sky shows, within the library."""
+"""A cube ready to be decomposed: without bad bands, with known noise (at least what k objects leave
+unexplained), at the wavelengths that its sky shows, and within the library."""
 
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,9 +1,9 @@
 """Saturated pixels: values that are clipped at the highest that a band can show.
 
-Such a pixel's T is a lower bound. A band has a ceiling where its brightest value is not a tail's
-end but a pile: far more pixels have that very value than any other of the brightest. A camera whose
-pixels are calibrated one by one has a ceiling for each, which cannot be seen in a cube; and what is
-all alike without any noise, as in a drawing, looks saturated where it is the brightest.
+T of such a pixel is a lower bound. A band has a ceiling if its brightest value is not the end of a
+tail but a pile: far more pixels have exactly that value than any other of the brightest values. If
+a camera's pixels are calibrated one by one, each has its own ceiling, which cannot be seen in a
+cube. Areas that are exactly uniform, as in a drawing, look saturated where they are the brightest.
 """
 
 import numpy as np

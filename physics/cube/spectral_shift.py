@@ -1,12 +1,13 @@
-"""Wavelengths that are all stated too long or too short by as much: found by the sky's ozone.
+"""Wavelengths that are all stated too long or too short by the same amount: found by the sky's
+ozone.
 
-Ozone glows from 9.4 to 9.9 um in an otherwise clear window, and it does so everywhere on Earth;
-what is registered against the atmosphere is registered there. The wavelengths as stated are moved
-until a sky of `physics.sky`, along some air mass, of some vapour, ozone and temperature, has the
-same steps from band to band as the pixels whose bands differ most, which are sky or mirror it.
-Steps, because the slow differences between one sky and another stay out of them.
+Ozone glows from 9.4 to 9.9 um in an otherwise clear window, everywhere on Earth, which makes it a
+spectral reference. The stated wavelengths are shifted until a sky of `physics.sky`, with some air
+mass, vapour, ozone and temperature, has the same steps from band to band as the pixels whose bands
+differ most, which are sky or mirror it. Steps are used because they exclude the slow differences
+between one sky and another.
 
-If no move makes a clear sky of these pixels much rather than a grey body, none is in view.
+If no shift makes these pixels fit a clear sky much better than a grey body, no sky is in view.
 """
 
 from dataclasses import replace

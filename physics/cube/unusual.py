@@ -1,5 +1,5 @@
-"""Whether radiance is like that of a scene: else its unit, or the order of its numbers, is likely
-wrong."""
+"""Whether radiance is plausible for a scene; if not, its unit or the order of its numbers is
+probably wrong."""
 
 import numpy as np
 

@@ -4,19 +4,20 @@ For one pixel and one material, minimise over T and over V on the simplex
 
     J = chi^2 / 2 + (T - T_prior)^2 / (2 sigma_T^2) + |V - V_usual|^2 / (2 sigma_V^2)
 
-in the r dimensions of `reduced`. The priors are as wide as the scene and matter only where the data
-say nothing: there the answer's sigma is the prior's, which is how the solver says that it cannot
+in the r dimensions of `reduced`. The priors are as wide as the scene and matter only if the data
+say nothing; the answer's sigma is then the prior's, which is how the solver says that it cannot
 know.
 
     energy_m = J + occam_m = -log evidence of material m
 
-The answer is the material of least energy, with its T and V. `faces` solves every hypothesis first
-as if V might be negative. Where none is, that is the answer; elsewhere it gives about a lower
-bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are left at it. The others
-are put on the face of the simplex where their V is not negative; the few that do not get there are
-left to `simplex`. T starts at the brightness temperature of the middle band. Of what reflects a
-third and more, J may have several minima: T also starts halfway to either end of its range, and
-each minimum that is found adds its share of the evidence to sigma.
+The answer is the material of least energy, with its T and V. `faces` first solves every hypothesis
+without the bounds on V. If no V_j is negative, that is the solution; otherwise it gives an
+approximate lower bound, and hypotheses whose bound is HOPELESS nats above the pixel's best are not
+solved any further. The others are solved on the face of the simplex where their V is not negative,
+and the few that do not converge there by `simplex`. T starts at the brightness temperature of the
+middle band. For materials that reflect a third or more, J may have several minima: T then also
+starts halfway to either end of its range, and each minimum found contributes to sigma according to
+its evidence.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Arrays larger than is good for memory live in a file without a name, and go with it.
+"""Arrays too large for memory live in an unnamed file, which disappears with them.
 
-What is large is worked on part by part; `release` takes back the memory that a part's pages
-held, so that a process needs little more than one part at a time.
+They are processed part by part; `release` frees the memory that a part's pages held, so that a
+process needs little more than one part at a time.
 """
 
 import mmap

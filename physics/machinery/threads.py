@@ -1,4 +1,4 @@
-"""Many items, some at a time, in threads: for work that leaves the interpreter to others."""
+"""Many items, some at a time, in threads: for work that releases the interpreter."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor, as_completed

@@ -1,7 +1,7 @@
-"""A picture of any size, worked off in tiles that see a halo around themselves.
+"""A picture of any size, processed in tiles that see a halo around themselves.
 
-Where an answer looks no farther than the halo, tiling changes nothing but the memory it takes:
-that of the tiles at work, picture and large maps being in files (`scratch`).
+If an answer looks no farther than the halo, tiling changes only the memory it takes: that of the
+tiles at work, since the picture and large maps are in files (`scratch`).
 """
 
 import mmap

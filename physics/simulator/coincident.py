@@ -1,4 +1,4 @@
-"""Objects that lie in one another, of which rounding decides which a ray meets."""
+"""Objects whose surfaces coincide, so that rounding decides which one a ray meets."""
 
 from dataclasses import replace
 

@@ -1,13 +1,13 @@
 """What a camera makes of spectral radiance: bands of finite width, and noise.
 
-A band's response is a box, or a Gaussian up to CUT_SIGMAS. It is cut into cells at most 0.125 um
-wide, half that of a Gaussian, and paths are shaded once a cell, with B(T), e and the sky's radiance
-averaged over it at CELL_UM and less: in a cell these hardly vary together, but the sky does so
-alone, up to 20 times the noise of a 50 mK camera at ozone's edges. The inversion takes cells at
-their middle, and so is not told what the simulator knows. A band of no width is a point. Noise is
-white, with the same temperature equivalent (NETD, at 300 K) in every band; what it would push to
-zero or below, as it may where a cold sky meets a coarse sensor, reads the lowest radiance of the
-calibration.
+A band's response is a box, or a Gaussian up to CUT_SIGMAS. It is divided into cells at most 0.125
+um wide (half of that for a Gaussian), and paths are shaded once a cell, with B(T), e and the sky's
+radiance averaged over it in steps of CELL_UM or less: within a cell these hardly covary, but the
+sky alone varies, by up to 20 times the noise of a 50 mK camera at ozone's edges. The inversion
+evaluates cells at their middle, and so does not share the simulator's knowledge. A band without
+width is a point. Noise is white, with the same temperature equivalent (NETD, at 300 K) in every
+band; values that it would push to zero or below, as it may for a cold sky and a coarse sensor, read
+the lowest radiance of the calibration.
 """
 
 from dataclasses import dataclass
