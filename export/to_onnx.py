@@ -21,6 +21,7 @@ import torch
 from onnxscript.optimizer import fold_constants, optimize_ir, remove_unused_nodes
 from torch import nn
 
+from physics.expected import SKY_NEAR
 from physics.hypotheses import COMPARED, INTERNAL, Blocks, Hypotheses
 from physics.known import TERMS, Known
 from physics.library import MaterialLibrary
@@ -71,7 +72,8 @@ INPUTS = {
     "radiance": (("bands", "height", "width"), SPECTRUM),
     "log_expected": (
         ("materials", "height", "width"),
-        "nats by which a material is expected: half a log probability; 0 of all if nothing is",
+        "nats by which a material is expected: half a log probability; 0 of all if nothing is; "
+        f"where that of the sky is below {SKY_NEAR:g}, no pixel is partly sky",
     ),
     "inner": ((4,), "int64: top, left, rows and columns of the part to be answered, in pixels"),
 }

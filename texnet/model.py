@@ -76,7 +76,8 @@ class TeXModel(nn.Module):
     scene         tensors by name, from `physics.hypotheses.set_up`
     steps         of refinement; 0 answers with what the network and the evidence say
     log_expected  (materials, height, width) nats by which a material is expected because of what
-                  lies beyond the network's sight, as in `glance`; all 0 if None
+                  lies beyond the network's sight, as in `glance`, and where pixels may be partly
+                  sky (`physics.expected.SKY_NEAR`); all 0 if None
     inner         (4,) int64 top, left, height, width of the part of the image to answer, the rest
                   serving as context only; all of it if None
     """
