@@ -231,7 +231,7 @@ def table(out, model):
             f"  {r['texture_correlation']:9.3f}  {r['draws']:5d}  {minutes}"
         )
     if others:
-        lines.append(f"left out, of other code or another model: {', '.join(others)}")
+        lines.append(f"left out, from other code or another model: {', '.join(others)}")
     return "\n".join(lines)
 
 
@@ -256,7 +256,7 @@ def main(argv=None):
         print(f"finetune: error: {e}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("finetune: stopped; the same command goes on.", file=sys.stderr)
+        print("finetune: stopped; run the same command again to resume.", file=sys.stderr)
         return 130
     print(table(args.out, args.model))
     return 0

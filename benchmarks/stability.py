@@ -200,8 +200,8 @@ def measure(out, axes=None, progress=None):
     lost = {r["axis"] for r in made_otherwise(out / "stability.csv", made)} - {*axes}
     if lost:
         raise InputError(
-            f"stability: {out / 'stability.csv'} holds what other code or another machine measured "
-            f"of other axes ({'; '.join(sorted(lost))}); take another --out."
+            f"stability: {out / 'stability.csv'} holds results that other code or another machine "
+            f"measured for other axes ({'; '.join(sorted(lost))}); take another --out."
         )
     rows = read_csv(out / "stability.csv", made)
     answered_already = {(r["axis"], r["level"], r["scene"]) for r in rows}

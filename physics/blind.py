@@ -81,7 +81,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         cube = replace(cube, dead=cube.dead | full)
     if cube.bands < MIN_BANDS:
         raise InputError(
-            f"library: {cube.bands} bands do not tell emissivity from the sky's light; take a cube "
+            f"library: {cube.bands} bands cannot tell emissivity from the sky's light; use a cube "
             f"of {MIN_BANDS} or more, or a library from elsewhere."
         )
     own = cube.sigma**2 * (1 - cube.quiet)
@@ -91,16 +91,16 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
     sky = sample.sky
     if not sky.any():
         raise InputError(
-            "library: no sky was found in the cube, and where all is about as warm as its "
-            "surroundings emissivity cannot be told from temperature; take a library of others."
+            "library: no sky was found in the cube, and emissivity cannot be told from "
+            "temperature where all is about as warm as its surroundings; use another library."
         )
     if sample.overcast:
         raise InputError(
-            "library: the sky in the cube is overcast, and in its light materials look alike; take "
-            "a cube under a clear sky, or a library of others."
+            "library: the sky in the cube is overcast, and in its light materials look alike; use "
+            "a cube under a clear sky, or another library."
         )
     if np.count_nonzero(~sky) < MIN_PIXELS:
-        raise InputError(f"library: the cube has fewer than {MIN_PIXELS} pixels beside the sky.")
+        raise InputError(f"library: the cube has fewer than {MIN_PIXELS} pixels besides the sky.")
     environment = sample.environment(USUAL_OBJECTS)
     s, rng = sample.spectra * cube.sigma, np.random.default_rng(seed)
     missing = np.sqrt(np.maximum(cube.sigma**2 - own, 0))
@@ -123,7 +123,7 @@ def library_from_cube(cube, materials=None, seed=0, progress=None):
         note += f" Bands left out: {bands}."
     if shift:
         than = "less" if shift > 0 else "more"
-        note += f" Wavelengths {abs(shift):.2f} um {than} than stated, by the sky's ozone."
+        note += f" Wavelengths {abs(shift):.2f} um {than} than stated, judging by the sky's ozone."
     return library, note
 
 
@@ -291,12 +291,12 @@ def _named(scene, curves):
     missed = _missed(energy, [c + 1 for c in order])
     doubtful = [n for n, x in zip(names, missed, strict=True) if len(names) > 1 and x <= SHARE]
     note = (
-        f"{len(names)} material{'s' * (len(names) > 1)} beside the sky; levels rest on an assumed "
+        f"{len(names)} material{'s' * (len(names) > 1)} besides the sky; levels rest on an assumed "
         f"largest emissivity of {EMISSIVITY_MAX}"
     )
     if doubtful:
         note += (
             f"; {', '.join(doubtful)} cannot be told from the others: fewer than "
-            f"{100 * SHARE:g} % of the pixels fit clearly worse without"
+            f"{100 * SHARE:g} % of the pixels fit clearly worse without it"
         )
     return library, note + "."

@@ -27,7 +27,7 @@ def contrast_terms(temperature_k, emissivity, texture, wavelength_um):
     """
     if min(np.shape(temperature_k)) < 2:
         raise InputError(
-            f"contrast: neighbours take two rows and columns, got {np.shape(temperature_k)}."
+            f"contrast: need at least two rows and columns, got {np.shape(temperature_k)}."
         )
     w = np.asarray(wavelength_um)[:, None, None]
     d = lambda a: np.stack(np.gradient(a, axis=(-2, -1)))

@@ -65,8 +65,8 @@ class Environment(ReadOnly):
             )
         if len(s) > MOST_OBJECTS:
             raise InputError(
-                f"environment: it holds {len(s)} objects; give {MOST_OBJECTS} at most, the mean of "
-                "those that are alike."
+                f"environment: it holds {len(s)} objects; give at most {MOST_OBJECTS}, averaging "
+                "similar ones."
             )
         if not np.isfinite(s).all() or (s <= 0).any():
             raise Implausible("environment: radiance must be finite and positive.")
@@ -79,7 +79,7 @@ class Environment(ReadOnly):
         known = all(type(j) is int and j in range(len(s)) for j in sky)
         if not known or len(set(sky)) != len(sky):
             raise InputError(
-                f"environment: sky must hold different indices in 0..{len(s) - 1}, and is no mask."
+                f"environment: sky must hold different indices in 0..{len(s) - 1}, not a mask."
             )
         error = numbers(0.0 if self.error_k is None else self.error_k, "environment: error_k")
         if error.ndim or not 0 <= error <= 100:
@@ -179,7 +179,7 @@ class Environment(ReadOnly):
         """
         error = numbers(kelvin, "environment: off_by")
         if error.ndim or not 0 <= error <= 100:
-            raise InputError(f"environment: it may be off by 0-100 K, got {kelvin}.")
+            raise InputError(f"environment: off_by must be 0-100 K, got {kelvin}.")
         seen_k = brightness_temperature(self.wavelength_um, self.radiance)
         off = error * planck_derivative(self.wavelength_um, seen_k)
         if objects is not None:
@@ -201,7 +201,7 @@ class Environment(ReadOnly):
         Raises InputError if error is not 0-1."""
         error = numbers(error, "environment: with_curves_off_by")
         if error.ndim or not 0 <= error <= 1:
-            raise InputError(f"environment: curves may be off by 0-1 (of 1), got {error}.")
+            raise InputError(f"environment: with_curves_off_by must be 0-1, got {error}.")
         w, s = self.wavelength_um, self.radiance
         usual_k = np.median(brightness_temperature(w, s).max(axis=1))  # the sky's: about the air's
         off = np.concatenate([
@@ -225,13 +225,13 @@ class Environment(ReadOnly):
         half, hottest = np.median(scene_k), scene_k.max()
         if coldest > hottest + HOTTER_K:
             raise InputError(
-                f"environment: all of it looks like {coldest:.0f} K and hotter, the cube like "
+                f"environment: all of it looks like {coldest:.0f} K and hotter, but the cube like "
                 f"{hottest:.0f} K at most; give both in W m-2 sr-1 um-1."
             )
         sky = objects_k[list(self.sky)].max(initial=0.0)
         if sky > hottest + WARM_SKY_K:
             raise InputError(
-                f"environment: its sky looks like {sky:.0f} K in some band, the cube like "
+                f"environment: its sky looks like {sky:.0f} K in some band, but the cube like "
                 f"{hottest:.0f} K at most; give both as radiance in W m-2 sr-1 um-1, not as "
                 "irradiance."
             )
@@ -242,12 +242,12 @@ class Environment(ReadOnly):
         if warmest < half - COLD_SKY_K and half - colder < converted < half + NEAR_K:
             raise InputError(
                 f"environment: it looks like {warmest:.0f} K at most, or like {converted:.0f} K if "
-                "it is per cm-1: then multiply it by 1e4 / wavelength^2 (um)."
+                "it is per cm-1; in that case multiply it by 1e4 / wavelength^2 (um)."
             )
         if warmest < half - COLDER_K:
             raise InputError(
-                f"environment: all of it looks like {warmest:.0f} K and colder, half of the cube "
-                f"like {half:.0f} K and warmer; give both in W m-2 sr-1 um-1."
+                f"environment: all of it looks like {warmest:.0f} K and colder, but half of the "
+                f"cube like {half:.0f} K and warmer; give both in W m-2 sr-1 um-1."
             )
 
     def check_bands(self, wavelength_um):

@@ -119,10 +119,12 @@ def design_filters(library, n, scenes=None, progress=None):
     """
     model, best = _Model(library, scenes), None
     if not isinstance(n, (int, np.integer)) or n < LEAST:
-        raise InputError(f"bands: need at least {LEAST} filters, a whole number of them, got {n}.")
+        raise InputError(f"bands: n must be a whole number, at least {LEAST}, got {n}.")
     most = round((model.high - model.low) / STEP_UM)
     if n > most:
-        raise InputError(f"bands: {model.low:g}-{model.high:g} um hold {most} filters, got {n}.")
+        raise InputError(
+            f"bands: only {most} filters fit {model.low:g}-{model.high:g} um, got {n}."
+        )
     for m in range(1, n + 1):
         starts = [model.side_by_side(m)]
         if best is not None:
@@ -155,8 +157,8 @@ def filter_range(library):
     if not inside.size or np.ptp(inside) < LEAST_UM:
         low, high = library.wavelength_um[[0, -1]]
         raise InputError(
-            f"library: it covers {low:.4g}-{high:.4g} um; filters need {LEAST_UM:g} um of "
-            f"{LOW_UM:g}-{HIGH_UM:g} um, at least."
+            f"library: it covers {low:.4g}-{high:.4g} um; filters need at least {LEAST_UM:g} um "
+            f"within {LOW_UM:g}-{HIGH_UM:g} um."
         )
     return float(inside[0]), float(inside[-1])
 

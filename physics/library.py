@@ -66,7 +66,7 @@ class MaterialLibrary(ReadOnly):
         if "" in names:
             raise InputError("library: a material has an empty name.")
         if odd := [n for n in names if _holds(n, "Cc", "Cs")]:
-            raise InputError(f"library: the name {odd[0]!r} holds what is no text; rename it.")
+            raise InputError(f"library: the name {odd[0]!r} has invalid characters; rename it.")
         if len(set(names)) != m:
             twice = next(n for i, n in enumerate(names) if n in names[:i])
             raise InputError(f"library: there are two materials {twice!r}; rename one.")
@@ -167,10 +167,7 @@ class MaterialLibrary(ReadOnly):
             of_cube = ""
             if len(bands):
                 low_um, high_um = bands.min() - 0.001, bands.max() + 0.001
-                of_cube = (
-                    f" (of a cube, those that `texnet import CUBE --range {low_um:.3f}:"
-                    f"{high_um:.3f}` leaves)"
-                )
+                of_cube = f" (`texnet import CUBE --range {low_um:.3f}:{high_um:.3f}` keeps those)"
             raise InputError(
                 f"library: its curves cover {low:g}-{high:g} um but the bands need "
                 f"{w.min():.4g}-{w.max():.4g} um; take another library, or bands within its curves"
@@ -216,8 +213,8 @@ class MaterialLibrary(ReadOnly):
         except (KeyError, TypeError, ValueError, OverflowError) as e:
             lacks = f" (there is no {e})" if isinstance(e, KeyError) else ""
             raise InputError(
-                f"library: {path} must be an object of wavelength_um, a list of numbers, and "
-                "materials, a list of objects, each with its name and its emissivity, as many "
+                f"library: {path} must be an object with wavelength_um, a list of numbers, and "
+                "materials, a list of objects, each with its name and emissivity, as many "
                 f"numbers{lacks}."
             ) from e
 
@@ -263,7 +260,7 @@ def _check_row(row, bands):
         )
     if unknown := row.keys() - {"name", "emissivity", *OPTIONAL}:
         raise InputError(
-            f"{min(unknown)!r} of {name} is not known; beside its emissivity it may have "
+            f"{min(unknown)!r} of {name} is not known; besides its emissivity it may have "
             f"{', '.join(OPTIONAL)}."
         )
     for key, (fits, words) in OPTIONAL.items():

@@ -99,8 +99,8 @@ def _checked(wavelength_um):
     first, last = _table()["wavenumber_cm"][[0, -1]]
     if w[0] < 1e4 / (last + BEYOND_CM) or w[-1] > 1e4 / (first - BEYOND_CM):
         raise InputError(
-            f"sky: its model holds for {1e4 / last:.1f} to {1e4 / first:.1f} um, and bands reach "
-            f"from {w[0]:.4g} to {w[-1]:.4g}; leave those beyond out (texnet import --range), or "
+            f"sky: its model holds for {1e4 / last:.1f} to {1e4 / first:.1f} um, but bands reach "
+            f"from {w[0]:.4g} to {w[-1]:.4g}; leave out those beyond (texnet import --range), or "
             "give the environment."
         )
     return w

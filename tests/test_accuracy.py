@@ -124,7 +124,7 @@ def test_a_stopped_run_goes_on_after_the_last_whole_scene(tmp_path, monkeypatch,
 
     monkeypatch.setattr(accuracy, "measure", stopped)
     assert run(tmp_path / "part") == 130
-    assert "goes on after the last scene" in capsys.readouterr().err
+    assert "run the same command again to resume after the last scene" in capsys.readouterr().err
     monkeypatch.setattr(accuracy, "measure", counted)
     assert run(tmp_path / "part") == (1, *whole[1:])
     assert run(tmp_path / "part") == (0, *whole[1:])

@@ -232,7 +232,7 @@ def test_air_that_absorbs_otherwise_is_air_all_the_same(seed, metres, method, tm
         assert result["air_error"] == npz["air_error"] == d.air_error
         assert result["air_error_k"] == npz["air_error_k"] == pytest.approx(d.air_error_k, rel=1e-3)
         assert d.air_error_k > 0
-        assert f"may absorb {d.air_error:.0%} otherwise than in usual air, and T be off by" in text
+        assert f"may differ by {d.air_error:.0%} from that of usual air, so that T may" in text
 
 
 def test_the_air_is_as_warm_as_the_scene_where_no_band_is_opaque():

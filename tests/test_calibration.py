@@ -441,7 +441,7 @@ def test_the_command_says_so(tmp_path, capsys):
     assert (npz["band_gains"] == 1).all()
     write_cube(of_bands(traced("forest", 54)[0], np.resize([0.005, -0.005], 54)), cube)
     text, result, npz = said(capsys, cube, tmp_path / "a")
-    assert "off among each other by 0.5" in text
+    assert "gains differ among bands by 0.5" in text
     np.testing.assert_allclose(npz["band_gains"], result["band_gains"])
     assert np.std(npz["band_gains"]) == pytest.approx(0.005, rel=0.2)
 

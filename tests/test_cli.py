@@ -240,7 +240,7 @@ def test_library(capfd):
     shown = last_json(out)
     assert code == 0 and len(shown["emissivity"]) == len(shown["wavelength_um"]) > 10
     out = run(capfd, "library", "show", "water")[1]
-    assert "One of 8 each is shown" in out and out.count("\n") < 25
+    assert "One row in 8 is shown" in out and out.count("\n") < 25
     assert "no material 'cheese'" in refused(capfd, "library", "show", "cheese")
 
 
@@ -363,7 +363,7 @@ def test_the_summary_says_where_its_numbers_come_from(capfd, tmp_path):
     assert "Suspicious   so much noise" in run(capfd, *words, "--k", 2)[1]
     write_cube(HeatCube(made.radiance / 1000, made.wavelength_um, made.fwhm_um), path)  # per nm
     out = run(capfd, *words, "--k", 2)[1]
-    assert "Suspicious   half of it looks colder than" in out and "\nUneven " in out
+    assert "Suspicious   half of the cube looks colder than" in out and "\nUneven " in out
     assert last_json(out)["brightness_k"] < 220 and last_json(out)["uneven_k"] > 2.5
     write_cube(HeatCube(made.radiance, made.wavelength_um, made.fwhm_um, 0.005), path)
     code, out, _ = run(capfd, *words, "--k", 2)
@@ -411,7 +411,7 @@ def test_one_object_leaves_no_room_for_the_sky(capfd, tmp_path, name, in_view):
     words = ["--out", tmp_path / "out", "--k", 1, "--json"]
     code, out, err = run(capfd, "decompose", tmp_path / "cube.npz", *words)
     assert code == 0 and last_json(out)["sky_in_view"] == in_view, err
-    assert ("none in view" in out) != in_view and ("no object of k = 1" in out) == in_view
+    assert ("none in view" in out) != in_view and ("with k = 1 no object" in out) == in_view
 
 
 def test_weights_refine_as_the_onnx_file_does(capfd, tmp_path, cube):

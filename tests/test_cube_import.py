@@ -163,7 +163,7 @@ def test_bands_of_a_thermal_camera_tell_their_unit(tmp_path, words, axis, centre
     path = envi(tmp_path / "a", S, wavelength=centre, wavelength_units=words)
     cube, note = import_cube(path, "W/m2/sr/um")
     check_same(cube)
-    why = f"{words.lower()!r} is no unit that is known" if words else "their unit is missing"
+    why = f"{words.lower()!r} is not a known unit" if words else "their unit is missing"
     assert f"wavelengths taken to be in {axis}, since {why}" in note
 
 
@@ -262,7 +262,7 @@ def test_one_number_in_all_bands_of_many_pixels_is_no_measurement(
     blank = np.zeros(wide.shape[1:], bool)
     blank[:4, :6] = True
     np.testing.assert_array_equal(cube.dead, blank)
-    assert f"{fill} in every band taken for no measurement; " in note
+    assert f"{fill} in every band treated as no measurement; " in note
     # a few may be as dark as that, and what is as bright as can be was seen
     few = raw.copy()
     few[:, :4, :6] = np.round(raw[:, :4, 6:12])
@@ -341,7 +341,7 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
     assert "13 bytes after the last pixel left unread;" in note
     band = S[0].size * np.dtype("<f4").itemsize
     note = import_cube(envi(tmp_path / "a", S, tail=2 * band), "W/m2/sr/um")[1]
-    assert "as much as 2 more bands: is bands right?" in note
+    assert "enough for 2 more bands: is bands right?" in note
 
 
 @pytest.mark.parametrize(
@@ -357,20 +357,20 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
         (dict(samples=None), "the field samples is missing"),
         (dict(byte_order=2), "byte order must be 0"),
         (dict(interLEAVE=""), "not ''"),
-        (dict(data_type=6), "data type 6 is no real number"),
+        (dict(data_type=6), "data type 6 is not a known real type"),
         (dict(data_type=9), "use 1, 2, 3, 4, 5, 12, 13, 14, 15"),
         (dict(Interleave="tiled"), "interleave must be bsq, bil or bip, not 'tiled'"),
         (dict(file_type="TIFF"), "file type must be ENVI Standard"),
-        (dict(file_compression=1), "file compression is not known here"),
-        (dict(minor_frame_offsets="{0, 8}"), "minor frame offsets is not known here"),
+        (dict(file_compression=1), "file compression is not supported"),
+        (dict(minor_frame_offsets="{0, 8}"), "minor frame offsets is not supported"),
         (dict(wavelength=W[:5]), "wavelength holds 5 numbers where 6 are needed"),
         (dict(wavelength="{1, 2, x, 4, 5, 6}"), "wavelength must hold finite numbers"),
         (dict(wavelength="{1, 2, inf, 4, 5, 6}"), "wavelength must hold finite numbers"),
         (dict(wavelength="{1, 2"), "the list of 'wavelength' has no end }"),
         (dict(wavelength=np.array([8, 9, 10, 9, 11, 12])), "9 um is there twice"),
         (dict(wavelength=np.zeros(6)), "band centres must be finite and positive"),
-        (dict(wavelength=1e3 * W), "13888.9-8000 um leave 1-100 um"),
-        (dict(wavelength_units="Nanometers"), "13.8889-8 nm leave 1-100 um"),
+        (dict(wavelength=1e3 * W), "13888.9-8000 um are outside 1-100 um"),
+        (dict(wavelength_units="Nanometers"), "13.8889-8 nm are outside 1-100 um"),
         (dict(wavelength=None), "does not say where its 6 bands lie"),
         (dict(wavelength_units="Index"), "where its wavelength units are 'Index'"),
         (
@@ -385,7 +385,7 @@ def test_bytes_after_the_last_pixel_are_said(tmp_path):
         (dict(data_gain_values=np.full(6, 1e300)), "NaN or infinite"),
         (dict(data_ignore_value="none"), "data ignore value must be a number, not 'none'"),
         (dict(reflectance_scale_factor=0), "must not be 0"),
-        (dict(reflectance_scale_factor=10, data_gain_values=W), "leave in what makes radiance"),
+        (dict(reflectance_scale_factor=10, data_gain_values=W), "keep those that make radiance"),
     ],
 )
 def test_wrong_headers(tmp_path, capfd, fields, sentence):
@@ -504,7 +504,7 @@ def test_brightness_temperatures_are_no_radiance_unless_so_said(tmp_path, capfd,
     for s, said in ((kelvin, True), (S, False)):
         main(["import", str(envi(tmp_path / "a", s)), "--out", str(out), "--unit", unit])
         assert (
-            "as alike in all bands, brightness temperatures in K? Then give --unit K."
+            "similar in all bands, brightness temperatures in K? Then give --unit K."
             in ("".join(capfd.readouterr()))
         ) == said
 
@@ -548,7 +548,7 @@ def test_degrees_celsius_are_no_kelvin(tmp_path):
 def test_a_unit_is_never_guessed(tmp_path, capfd):
     path, out = envi(tmp_path / "a", S), tmp_path / "b.npz"
     assert "give --unit, one of W/m2/sr/um, mW" in refused(capfd, path, "--out", out)
-    assert "'DN' is no unit" in refused(capfd, path, "--out", out, "--unit", "DN")
+    assert "'DN' is not a known unit" in refused(capfd, path, "--out", out, "--unit", "DN")
 
 
 # --- .mat, .npz and .npy -----------------------------------------------------------------
@@ -635,7 +635,7 @@ def test_wavelengths_of_good_bands_alone(tmp_path, suffix, first, mask, both, go
     good = np.sort(good)
     np.testing.assert_array_equal(cube.wavelength_um, W[good][::-1])
     np.testing.assert_allclose(cube.radiance[:, :2, :4], S[good][::-1], rtol=1e-6)
-    assert ("is a mask" in note) == bool(mask) and ("of these alone" in note) != both
+    assert ("is a mask" in note) == bool(mask) and ("lists only these" in note) != both
 
 
 @pytest.mark.parametrize("good", [["a"] * 6, np.zeros(6, "M8[s]"), np.zeros(6, "i4,i4"), [1j] * 6])
@@ -713,8 +713,8 @@ def test_indices_that_may_count_from_1_are_doubted(tmp_path, good, doubted):
         (dict(cube=S), "its wavelengths in um (working_wav, hsi_wav"),
         (dict(wav=W), "must hold a cube (denoised_hsi_original"),
         (dict(cube=S, wav=W[:5]), "cube in {} is 6 x 2 x 4, so that its 5 bands (wav)"),
-        (dict(cube=np.ones((6, 4, 6)), wav=W), "may be either its first axis or its last"),
-        (dict(cube=S[0], wav=W), "not either"),
+        (dict(cube=np.ones((6, 4, 6)), wav=W), "may be its first axis or its last"),
+        (dict(cube=S[0], wav=W), "are neither its first axis nor its last"),
         (dict(cube=S, wav=W, good_bands=[0, 6]), "must hold indices of its 6 bands"),
         (dict(cube=S, wav=W, good_bands=[0, 1, 1, 3]), "each once"),
         (dict(cube=S, wav=W, good_bands=[0.5]), "must hold indices"),
@@ -790,7 +790,7 @@ def test_axes_in_another_order_show(tmp_path, axes, right):
     np.save(tmp_path / "a.npy", s.transpose(axes))
     cube, note = import_cube(tmp_path / "a.npy", "W/m2/sr/um", wavelengths_um=(8, 14))
     assert cube.bands == s.transpose(axes).shape[0]
-    assert ("are the order of axes and bands" not in note) == right
+    assert ("check the order of axes and bands" not in note) == right
 
 
 @pytest.mark.parametrize(
@@ -899,8 +899,8 @@ def test_one_band_has_one_centre(tmp_path, capfd):
 @pytest.mark.parametrize(
     "flags, sentence",
     [
-        (["--rows", "2:"], "no rows 2:, but 0:2"),
-        (["--columns", "3:3"], "no columns 3:3, but 0:4"),
+        (["--rows", "2:"], "no rows lie in 2:; it has 0:2"),
+        (["--columns", "3:3"], "no columns lie in 3:3; it has 0:4"),
         (["--columns", "1-3"], "need FROM:TO such as 10:500"),
         (["--range", "13:8"], "need LOW:HIGH such as 8:13, in um, got '13:8'"),
         (["--range", "3:5"], "no good band lies within 3-5 um; they lie at 8-13.89 um"),
@@ -965,7 +965,7 @@ def test_a_unit_that_the_header_names_is_taken(tmp_path, key):
         import_cube(envi(tmp_path / "a", S))
     for temperature in ("Kelvin", "K", "deg C", "Brightness Temperature (K)"):
         path = envi(tmp_path / "a", S, **{key.replace(" ", "_"): temperature})
-        with pytest.raises(InputError, match="in K, give --unit K; else take the radiance"):
+        with pytest.raises(InputError, match="in K, give --unit K; else use the radiance"):
             import_cube(path)
 
 
@@ -1000,7 +1000,7 @@ def test_bands_are_said_once(tmp_path, capfd):
     flag += ["--wavenumbers", "720:1250"]
     assert "not both" in refused(capfd, path, "--out", out, *flag)
     flag = ["--wavenumbers", "8:14"]
-    assert "8-14 cm-1 leave 1-100 um" in refused(capfd, path, "--out", out, *flag)
+    assert "8-14 cm-1 are outside 1-100 um" in refused(capfd, path, "--out", out, *flag)
     assert "need FIRST:LAST" in refused(capfd, path, "--out", out, "--wavenumbers", "720-1250")
 
 
@@ -1020,7 +1020,7 @@ def test_other_mistakes(tmp_path, capfd):
     path = mat(tmp_path / "a.mat", S=S[None])
     assert "S in" in refused(capfd, path, "--out", out, "--wavenumbers", "720:1250")
     path = envi(tmp_path / "c", -S)
-    assert "zero or negative" in refused(capfd, path, "--out", out, *FLAGS)
+    assert "zero, negative" in refused(capfd, path, "--out", out, *FLAGS)
     path = envi(tmp_path / "c", S)
     assert "need above 0 K" in refused(capfd, path, "--out", out, *FLAGS, "--netd", "0")
     (tmp_path / "b.truth.npz").write_bytes(b"of another scene")

@@ -335,7 +335,7 @@ def test_wrong_places_and_options(capfd, files):
     assert "leave out --k" in refused(capfd, files, "--environment", fine, "--k", 3)
     many = [planck(FINE, t) for t in np.linspace(250, 300, 14)]
     many = table(files / "many.csv", values=many, names=[f"o{i}" for i in range(14)])
-    assert "it holds 14 objects; give 10 at most" in refused(capfd, files, "--environment", many)
+    assert "it holds 14 objects; give at most 10" in refused(capfd, files, "--environment", many)
 
 
 def refused(capfd, files, *words):

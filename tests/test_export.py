@@ -284,7 +284,7 @@ def test_files_of_others_are_named_as_such(tmp_path, runtime):
     before = onnx.load(PATH)
     next(p for p in before.metadata_props if p.key == "format").value = "1"
     onnx.save(before, other)
-    with pytest.raises(InputError, match="is of another texnet; export its weights again"):
+    with pytest.raises(InputError, match="is of another version of texnet; export it again"):
         Runtime(other)
 
 

@@ -675,10 +675,13 @@ if __name__ == "__main__":
 """
 
 
+RESUME = "run the same command again to resume from the last epoch"
+
+
 @pytest.mark.parametrize(
     "number, code, said",
     [
-        (signal.SIGINT, 130, "texnet: stopped; the same command goes on from the last epoch.\n"),
+        (signal.SIGINT, 130, f"texnet: stopped; {RESUME}.\n"),
         (signal.SIGTERM, 143, ""),
     ],
 )

@@ -295,12 +295,12 @@ def test_emissivity_may_leave_0_and_1_by_0_02(tmp_path):
         ("a.csv", "wavelength_nm,water\n7.5,0.9\n8.5,0.9\n", "unit of wavelengths"),
         ("a.csv", "wavenumber_cm1,water\n8,0.9\n", "10 um is 1000 cm-1"),
         ("a.csv", "wavelength_um,water,water\n8,0.9,0.9\n9,0.9,0.9\n", "two materials 'water'"),
-        ("a.csv", "wavelength_um,wa\x07ter\n8,0.9\n9,0.9\n", "'wa\\x07ter' holds what is no text"),
+        ("a.csv", "wavelength_um,wa\x07ter\n8,0.9\n9,0.9\n", "'wa\\x07ter' has invalid characters"),
         ("a.csv", "wavelength_um,\xe4\n8,0.9\n", "UTF-8"),
         ("a.txt", "8 0.9\n9 0.8\n", "no 'key: value' lines"),
         ("a.txt", "Name: a\n\n8 0.9\n9 0.8\n", "no line 'X Units:'"),
         ("a.mat", "", "no .mat file of version 5 to 7"),
-        ("a.xlsx", "", "use .mat, .csv, .hdr or .sli of ENVI, .txt"),
+        ("a.xlsx", "", "use .mat, .csv, ENVI .hdr or .sli, .txt"),
     ],
 )
 def test_wrong_texts(tmp_path, capfd, name, text, sentence):
@@ -349,14 +349,14 @@ def test_envi_spectral_libraries(tmp_path):
     deleted[2, -1] = -1.23e34  # where nobody looks
     library, note = import_library(envi(tmp_path / "a.sli", deleted, beyond))
     check_same(library, ["sky", "old_brick"], E[[0, 2]], atol=1e-6)
-    assert "left out, with bands that were deleted: Water" in note
+    assert "left out because of deleted bands: Water" in note
     some, bad = np.arange(len(w)) % 4 != 2, E.copy()
     bad[:, ~some] = 0.0
     bbl = f"{{{', '.join(map(str, some.astype(int)))}}}"
     library, note = import_library(envi(tmp_path / "a.sli", bad, w, bbl=bbl))
     np.testing.assert_allclose(library.at(np.sort(w[some])), E[:, some][:, np.argsort(w[some])],
                                atol=1e-6)  # fmt: skip
-    assert f"{(~some).sum()} that bbl calls bad left out" in note
+    assert f"{(~some).sum()} bands left out that bbl calls bad" in note
     none = f"{{{', '.join('0' * len(w))}}}"  # which says nothing
     check_same(import_library(envi(tmp_path / "a.sli", E, w, bbl=none))[0], atol=1e-6)
     far = np.append(w, 216.0)  # as spectrometers reach
@@ -448,13 +448,15 @@ def test_wrong_folders(tmp_path, capfd):
     w, e = np.array([8.0, 8.5]), np.array([0.9, 0.8])
     spectrum(tmp_path / "a.txt", w, e)
     spectrum(tmp_path / "b.txt", w + 3, e)
-    assert "b.txt starts at 11 um, where a.txt has ended" in refused(capfd, tmp_path, "--out", out)
+    assert "b.txt starts at 11 um, beyond the end of a.txt" in refused(
+        capfd, tmp_path, "--out", out
+    )
     (tmp_path / "folder.txt").mkdir()
     (tmp_path / "gone.txt").symlink_to(tmp_path / "nowhere")
     for name in ("c.txt", "d.txt"):
         spectrum(tmp_path / name, w, e, Y_Units="Reflectance")
     sentence = refused(capfd, tmp_path, "--out", out)
-    assert "c.txt has Y Units" in sentence and "refused as well: d.txt" in sentence
+    assert "c.txt has Y Units" in sentence and "also refused: d.txt" in sentence
 
 
 @pytest.mark.parametrize(
@@ -479,7 +481,7 @@ def test_wrong_folders(tmp_path, capfd):
         (
             dict(emiLib=E, matName=cells(NAMES)),
             ["--wavenumbers", "760:1240", "--sky", "air"],
-            "no material 'air' to be the sky among sky, water, old_brick",
+            "there is no material 'air' among sky, water, old_brick",
         ),
     ],
 )
@@ -498,7 +500,7 @@ def test_a_mat_file_of_another_range(tmp_path, capfd):
 def test_a_name_of_half_a_character_is_refused(tmp_path, capfd):
     path = tmp_path / "half.json"
     for name, description, sentence in (
-        ("a\ud800b", "", "holds what is no text"), ("ab", "\ud800", "descriptions must hold")
+        ("a\ud800b", "", "has invalid characters"), ("ab", "\ud800", "descriptions must hold")
     ):  # fmt: skip
         row = {"name": name, "description": description, "emissivity": [0.9, 0.9]}
         path.write_text(json.dumps({"wavelength_um": [7.5, 14.5], "materials": [row]}))
@@ -605,7 +607,7 @@ def test_noise_beyond_the_thermal_infrared_is_no_matter(tmp_path):
     e = np.where((w < 6) | (w > 16), 1.3, 0.9)
     path = write_csv(tmp_path / "a.csv", "wavelength_um", w, e[None], ["stone"])
     library, note = import_library(path)
-    assert (library.emissivity == 0.9).all() and "those of 7-15 um taken" in note
+    assert (library.emissivity == 0.9).all() and "those of 7-15 um kept" in note
     e[50] = -0.2
     with pytest.raises(InputError, match="worst at 7.5 um"):
         import_library(write_csv(path, "wavelength_um", w, e[None], ["stone"]))

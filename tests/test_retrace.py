@@ -191,7 +191,7 @@ def test_round_trip(tmp_path, monkeypatch, closed):
 
 def test_bad_input_is_one_sentence():
     traced = trace_scene(scene(), (4, 6), 1, 0, FIRST)
-    with pytest.raises(InputError, match="nothing stands for the scene's soil"):
+    with pytest.raises(InputError, match="materials lacks the scene's soil"):
         traced.shade(SECOND, W, FWHM, 0, {"paint": "clay"})
     with pytest.raises(InputError, match="no material 'mud'"):
         traced.shade(SECOND, W, FWHM, 0, {"soil": "mud", "paint": "clay"})

@@ -252,7 +252,7 @@ def test_a_ply_of_triangles_and_more(write, tmp_path):
     assert built.mesh.area == pytest.approx(2.5)
     for wrong in ([0, 1, 2, 9], [0, 1, 2, -1]):
         (tmp_path / "q.ply").write_bytes(ply(NOTCHED, [wrong]))
-        with pytest.raises(InputError, match=f"a face has vertex {wrong[-1]} of 5"):
+        with pytest.raises(InputError, match=f"a face refers to vertex {wrong[-1]} of 5"):
             load_scene(write(with_object(mesh="q.ply")))
 
 

@@ -525,7 +525,7 @@ def test_hues_that_nobody_knows_are_spread_evenly():
         ({"emissivity": 0.9}, "emissivity of b must be a list of numbers"),
         ({"hue_deg": "red"}, "hue_deg of b must be a number, got .red"),
         ({"albedo_rgb": [0.1, 0.2]}, "albedo_rgb of b must be three numbers"),
-        ({"hue": 3}, "'hue' of b is not known; beside its emissivity it may have hue_deg, albedo"),
+        ({"hue": 3}, "'hue' of b is not known; besides its emissivity it may have hue_deg, albedo"),
         ({"emissivity": [0.9, 80]}, "emissivity of b is 80 at 14 um.*divide by 100 if"),
         (
             {"emissivity": [-0.2, 0.8]},

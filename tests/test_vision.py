@@ -375,7 +375,7 @@ def test_every_panel_is_what_its_title_says(drawn):
     there, true_there = ground & ~d.dead, truth.material != 2
     fields = {
         "temperature (K)": (d.temperature_k, truth.temperature_k),
-        "lighting by the sky V": (d.thermal_lighting[0], truth.sky_view),
+        "lighting factor V of the sky": (d.thermal_lighting[0], truth.sky_view),
         "texture X": (d.texture.mean(axis=0), truth.texture.mean(axis=0)),
         "sky-lit X": (d.sky_texture, truth.sky_texture),
     }

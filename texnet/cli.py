@@ -51,7 +51,7 @@ def main(argv=None):
         print(f"texnet: error: {' '.join(said.split())}", file=sys.stderr)
         return 2
     except MemoryError:
-        print("texnet: error: not enough memory; take fewer pixels or bands.", file=sys.stderr)
+        print("texnet: error: not enough memory; use fewer pixels or bands.", file=sys.stderr)
         return 2
     except KeyboardInterrupt as e:  # a command that can be resumed says so in it
         print(f"texnet: {e}" if str(e) else "texnet: interrupted", file=sys.stderr)
@@ -141,14 +141,15 @@ def _add(to, name, run, text):
 def _add_device(p):
     p.add_argument(
         "--device", choices=("cpu", "cuda"), default="cpu",
-        help="where the network is computed, default: cpu",
+        help="where the network runs, default: cpu",
     )  # fmt: skip
 
 
 def _add_seed(p, of):
     p.add_argument(
-        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0, help=f"of {of}, default: 0"
-    )
+        "--seed", metavar="N", type=_integer(0, 2**32 - 1), default=0,
+        help=f"random seed of {of}, default: 0",
+    )  # fmt: skip
 
 
 def _demo(to):
@@ -165,28 +166,30 @@ def _cubes(to):
     p = _add(to, "import", commands.import_, text)
     p.add_argument(
         "file", metavar="FILE", type=Path,
-        help="ENVI .hdr or its binary, HADAR or TeX-1500 .mat, .npz, .npy (bands first), or what "
-        "is a heat cube already",
+        help="ENVI .hdr or its binary, HADAR or TeX-1500 .mat, .npz, .npy (bands first), or a "
+        "file that is already a heat cube",
     )  # fmt: skip
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
         "--unit", metavar="UNIT",
-        help="of the radiance: W/m2/sr/um, mW/m2/sr/um, microflick, W/m2/sr/cm-1 ..., or K for "
-        "brightness temperatures; HADAR's is known",
+        help="unit of the radiance: W/m2/sr/um, mW/m2/sr/um, microflick, W/m2/sr/cm-1 ..., or K "
+        "for brightness temperatures; HADAR files do not need it",
     )  # fmt: skip
-    for name, example in (("--wavelengths", "um, as 8.06:13.94"), ("--wavenumbers", "cm-1")):
+    for name, example in (("--wavelengths", "um, such as 8.06:13.94"), ("--wavenumbers", "cm-1")):
         p.add_argument(
             name, metavar="FIRST:LAST", type=_first_last,
-            help="where the file does not say: centres, not edges, of the first and the last band "
-            f"in {example}; equidistant",
+            help="if the file does not state its bands: centres, not edges, of the first and last "
+            f"of equidistant bands in {example}",
         )  # fmt: skip
     p.add_argument(
         "--fwhm", metavar="WIDTH", type=_width,
-        help="where the file does not say: width of every band in um, or in cm-1 if the bands are",
+        help="if the file does not state it: width of each band in um, or in cm-1 if the bands are "
+        "in cm-1",
     )  # fmt: skip
     p.add_argument(
         "--response", choices=("box", "gaussian"),
-        help="of the bands, whose widths are at half maximum: box, unless the file says another",
+        help="spectral response of the bands, whose widths are at half maximum; default: as the "
+        "file states, else box",
     )  # fmt: skip
     p.add_argument(
         "--netd", metavar="K", type=_above_0, help="sensor noise in K at 300 K, if known"
@@ -194,16 +197,16 @@ def _cubes(to):
     for name in ("--rows", "--columns"):
         p.add_argument(
             name, metavar="FROM:TO", type=_slice,
-            help=f"keep these {name[2:]}, counted from 0, TO excluded; either end may be missing",
+            help=f"keep these {name[2:]}, counted from 0, TO excluded; either end may be left out",
         )  # fmt: skip
     p.add_argument(
         "--range",
         metavar="LOW:HIGH",
         type=_low_high,
-        help="keep the bands with centres in it, um",
+        help="keep the bands whose centres lie in this range, um",
     )
 
-    p = _add(to, "simulate", commands.simulate, "path-trace a cube, its truth beside it")
+    p = _add(to, "simulate", commands.simulate, "path-trace a cube and write its truth beside it")
     p.add_argument(
         "scene", metavar="SCENE",
         help="forest, street, patches, patterned, room, random or enclosed, or a .json scene file",
@@ -211,7 +214,7 @@ def _cubes(to):
     p.add_argument("--out", metavar="CUBE", type=Path, required=True, help=".exr or .npz")
     p.add_argument(
         "--bands", metavar="N|FILE", type=_bands, default=54,
-        help="how many adjoining bands, or a .json file from texnet bands, default: 54",
+        help="number of adjoining bands, or a .json file from texnet bands, default: 54",
     )  # fmt: skip
     p.add_argument(
         "--size", metavar="HxW", type=_size, default=(256, 384), help="pixels, default: 256x384"
@@ -224,12 +227,12 @@ def _cubes(to):
         "--netd", metavar="K", type=_kelvin, default=0.05,
         help="sensor noise in K at 300 K, 0 for none, default: 0.05",
     )  # fmt: skip
-    _add_seed(p, "light paths, noise and, where it is random, the scene")
+    _add_seed(p, "light paths, noise and, if it is random, the scene")
 
-    text = "which N filters, of one width up to 2 um, tell materials and temperatures best"
+    text = "find N filters, of one width up to 2 um, that best tell materials and temperatures"
     p = _add(to, "bands", commands.bands, text)
     p.add_argument("--n", metavar="N", type=_integer(3, 16), required=True, help="3-16")
-    p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
+    p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: starter library")
     p.add_argument("--out", metavar="FILE", type=Path, help="JSON, for simulate --bands")
 
 
@@ -237,7 +240,7 @@ def _decompose(to):
     p = _add(to, "decompose", decompose, "decompose a cube into TeX")
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz")
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
-    p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: the starter one")
+    p.add_argument("--library", metavar="FILE", type=Path, help="JSON; default: starter library")
     p.add_argument(
         "--method", choices=METHODS,
         help="local: each pixel by itself; sgd: local, smoothed over neighbours; net: the network "
@@ -250,28 +253,28 @@ def _decompose(to):
     )  # fmt: skip
     p.add_argument(
         "--compare", action="store_true",
-        help="write comparison.png, TeX vision beside CLAHE and principal components, even where "
-        "no truth is known",
+        help="write comparison.png, TeX vision beside CLAHE and principal components, even if no "
+        "truth lies beside the cube",
     )  # fmt: skip
     p.add_argument(
         "--model", metavar="FILE", type=Path,
-        help=".onnx, or .safetensors from train or finetune; default: the one shipped",
+        help=".onnx, or .safetensors from train or finetune; default: the package's",
     )  # fmt: skip
     _add_device(p)
     p.add_argument(
         "--calibration-error", metavar="K", type=_kelvin, default=0.0,
-        help="uncertainty of all radiance together, in offset or gain, as the camera's maker "
-        "states it, K at 300 K; sigma of T includes it; default: 0",
+        help="calibration uncertainty, in offset or gain, common to all radiance, as the camera's "
+        "maker states it, in K at 300 K; sigma of T includes it; default: 0",
     )  # fmt: skip
     p.add_argument(
         "--k", metavar="N", type=_count,
-        help="objects that stand for the environment, 1-10, or auto: as many as the scene "
-        "supports; default: 5 where the sky is in view, else auto",
+        help="number of objects that stand for the environment, 1-10, or auto: as many as the "
+        "scene supports; default: 5 if the sky is in view, else auto",
     )  # fmt: skip
     p.add_argument(
         "--environment", metavar="FILE", type=Path,
-        help="take these objects instead, which were measured: a text table of spectra, "
-        "W m-2 sr-1 um-1, headed wavelength_um,sky,...; what is not sky is found, if all is",
+        help="use these measured objects instead: a text table of spectra, W m-2 sr-1 um-1, headed "
+        "wavelength_um,sky,...; if all are sky, the other objects are found in the cube",
     )  # fmt: skip
 
 
@@ -281,7 +284,7 @@ def _training(to):
     _add_training(to, "train", commands.train, text, 1600, 60, 320, "draws and first weights")
     text = "adapt a network to a library; minutes"
     p = _add_training(
-        to, "finetune", commands.finetune, text, 48, 3, 160, "draws and of what objects are made of"
+        to, "finetune", commands.finetune, text, 48, 3, 160, "draws and the materials of objects"
     )
     p.add_argument("--library", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
@@ -291,7 +294,7 @@ def _training(to):
     p.set_defaults(scenes=None)  # with --cubes there are none
     p.add_argument(
         "--cubes", metavar="CUBE", type=Path, nargs="+", default=[],
-        help="train on these alone, of which no truth is known; .exr or .npz",
+        help="train on these cubes only, without truth; .exr or .npz",
     )  # fmt: skip
 
     p = _add(to, "export", commands.export, "write a network as one ONNX file; minutes")
@@ -308,12 +311,12 @@ def _add_training(to, name, run, text, scenes, epochs, per_epoch, seed):
     )  # fmt: skip
     p.add_argument(
         "--epochs", metavar="N", type=_integer(1, 10_000), default=epochs,
-        help=f"of {per_epoch} draws each, default: {epochs}",
+        help=f"number of epochs of {per_epoch} draws each, default: {epochs}",
     )  # fmt: skip
     p.add_argument(
         "--cache", metavar="DIR", type=_folder,
         default=Path(os.path.expanduser("~"), ".cache", "texnet"),
-        help="scenes and checkpoints, default: ~/.cache/texnet",
+        help="folder of scenes and checkpoints, default: ~/.cache/texnet",
     )  # fmt: skip
     _add_seed(p, seed)
     _add_device(p)
@@ -323,12 +326,12 @@ def _add_training(to, name, run, text, scenes, epochs, per_epoch, seed):
 def _measuring(to):
     p = to.add_parser("bench", help="measure this machine")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    text = "speed beside the peers and the limits; up to fifteen minutes"
+    text = "speed compared with the peers and the limits; up to fifteen minutes"
     p = _add(actions, "speed", commands.bench_speed, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
         "--large", action="store_true",
-        help="a cube of 3.6 GB, too: five minutes more, and 20 GB of disk",
+        help="also measure a cube of 3.6 GB: five more minutes, and 20 GB of disk",
     )  # fmt: skip
     text = "accuracy on the test scenes; a quarter of an hour"
     p = _add(actions, "accuracy", commands.bench_accuracy, text)
@@ -338,18 +341,18 @@ def _measuring(to):
     )
     p.add_argument(
         "--bands", metavar="N", type=_integer(1, 999), nargs="+", default=[4, 9, 18, 54, 100],
-        help="numbers of them, default: 4 9 18 54 100",
+        help="numbers of bands, default: 4 9 18 54 100",
     )  # fmt: skip
     p.add_argument(
         "--methods", metavar="M", choices=METHODS, nargs="+", default=list(METHODS),
         help=f"some of {', '.join(METHODS)}; default: all",
     )  # fmt: skip
     p.add_argument(
-        "--enclosed", action="store_true", help="of the same scenes in woods and streets"
+        "--enclosed", action="store_true", help="enclose the same scenes in woods and streets"
     )
     p.add_argument(
         "--finer", metavar="TIMES", type=_integer(1, 8), default=1,
-        help="times the pixels on each side, 1-8, default: 1",
+        help="multiply the pixels on each side by it, 1-8, default: 1",
     )  # fmt: skip
     text = "where methods fail, and whether they say so; about two hours"
     p = _add(actions, "stability", commands.bench_stability, text)
@@ -359,7 +362,7 @@ def _measuring(to):
         help="some of the difficulties, by their names in docs/atlas.md (before the colon), "
         "default: all",
     )  # fmt: skip
-    text = "accuracy against time beside the peers; up to half an hour"
+    text = "accuracy against time, compared with the peers; up to half an hour"
     p = _add(actions, "chart", commands.bench_chart, text)
     p.add_argument("--out", metavar="DIR", type=_folder, required=True, help="made if not there")
     p.add_argument(
@@ -367,7 +370,7 @@ def _measuring(to):
         help=".safetensors of one more network to chart; may be given several times",
     )  # fmt: skip
 
-    text = "one of the paper's results, on scenes of our own"
+    text = "reproduce one of the paper's results on our own scenes"
     p = _add(to, "reproduce", commands.reproduce, text)
     p.add_argument("figure", metavar="FIGURE", choices=FIGURES, help=", ".join(FIGURES))
     p.add_argument(
@@ -379,13 +382,14 @@ def _measuring(to):
 def _library(to):
     p = to.add_parser("library", help="list, import or make libraries of materials")
     actions = p.add_subparsers(required=True, metavar="ACTION", dest="action")
-    of = "another library than the one that ships"
+    of = "JSON; default: starter library"
     p = _add(actions, "list", commands.library_list, "name every material")
     p.add_argument("--library", metavar="FILE", type=Path, help=of)
-    p = _add(actions, "show", commands.library_show, "one material: sources and emissivity")
+    p = _add(actions, "show", commands.library_show, "show one material: sources and emissivity")
     p.add_argument("name", metavar="NAME")
     p.add_argument("--library", metavar="FILE", type=Path, help=of)
-    p = _add(actions, "rebuild", commands.library_rebuild, "compute it from optical constants")
+    text = "compute the starter library from optical constants"
+    p = _add(actions, "rebuild", commands.library_rebuild, text)
     p.add_argument(
         "--out", metavar="FILE", type=Path,
         default=files("physics") / "data" / "starter_library.json", help="default: the package's",
@@ -394,27 +398,27 @@ def _library(to):
     p = _add(actions, "import", commands.library_import, text)
     p.add_argument(
         "file", metavar="FILE", type=_file_or_folder,
-        help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv; .json, to "
-        "give it a sky",
+        help="HADAR .mat, ECOSTRESS .txt or a folder of them, ENVI .hdr or .sli, .csv, or .json to "
+        "add or name a sky",
     )  # fmt: skip
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--wavenumbers", metavar="FIRST:LAST", type=_first_last,
-        help=".mat: first and last band in cm-1, equidistant, such as 760:1240",
+        help="for .mat: first and last of equidistant bands in cm-1, such as 760:1240",
     )  # fmt: skip
-    p.add_argument("--names", metavar="FILE", type=Path, help=".mat: text, one name a line")
-    p.add_argument("--sky", metavar="NAME", help="the material that is the sky, if none is 'sky'")
+    p.add_argument("--names", metavar="FILE", type=Path, help="for .mat: text, one name per line")
+    p.add_argument("--sky", metavar="NAME", help="which material is the sky, if none is named sky")
     p.add_argument(
-        "--add-sky", action="store_true", help="take the starter library's sky, if it has none"
+        "--add-sky", action="store_true", help="add the starter library's sky if the file has none"
     )
 
-    text = "make a library from nothing but a cube with sky in view"
+    text = "make a library from just a cube with sky in view"
     p = _add(actions, "from-cube", commands.library_from_cube, text)
     p.add_argument("cube", metavar="CUBE", type=Path, help=".exr or .npz, 20 bands or more")
     p.add_argument("--out", metavar="FILE", type=Path, required=True, help="JSON")
     p.add_argument(
         "--materials", metavar="N", type=_integer(1, 30),
-        help="beside the sky; default: as many as its pixels need",
+        help="number of materials besides the sky; default: as many as its pixels need",
     )  # fmt: skip
 
 
@@ -458,7 +462,7 @@ def _first_last(text):
     match = re.fullmatch(r"([0-9]{1,6}\.?[0-9]{0,9}):([0-9]{1,6}\.?[0-9]{0,9})", text)
     if match is None:
         raise argparse.ArgumentTypeError(
-            f"need FIRST:LAST, as 8:14 in um or 760:1240 in cm-1, got {text!r}"
+            f"need FIRST:LAST, such as 8:14 in um or 760:1240 in cm-1, got {text!r}"
         )
     return float(match[1]), float(match[2])
 
@@ -486,7 +490,7 @@ def _kelvin(text):
 def _above_0(text):
     value = _kelvin(text)
     if value == 0:
-        raise argparse.ArgumentTypeError("need above 0 K; leave it out if it is not known")
+        raise argparse.ArgumentTypeError("need more than 0 K; leave it out if it is not known")
     return value
 
 

@@ -37,7 +37,7 @@ def import_(args):
     write_cube(cube, args.out)
     text = f"{note}\n{_size(args.out, cube)}"
     if (truth := truth_path(args.file)).exists():
-        text += f"\n{truth} does not belong to {args.out}: what is imported has no truth beside it."
+        text += f"\n{truth} does not belong to {args.out}: an imported cube has no truth beside it."
     return text, {
         "command": "import", "cube": args.out, "note": note, "bands": cube.bands,
         "size": cube.shape, "wavelength_um": cube.wavelength_um, "netd_k": cube.netd_k,
@@ -102,7 +102,7 @@ def _past_the_ground(camera, is_sky):
         return ""
     return (
         f"\nWarning: {share:.1%} of the picture looks past the ground's end and below the horizon, "
-        "where it sees the horizon's sky; let the ground reach farther."
+        "where it sees the horizon's sky; extend the ground."
     )
 
 
@@ -115,8 +115,8 @@ def _coincident(scene, size):
         return ""
     one, other = (scene.objects[i].name for i in pair)
     return (
-        f"\nWarning: in {share:.1%} of the picture two objects lie in the same place, as {one!r} "
-        f"and {other!r} do, and rounding decides which is seen; move one by some millimetres."
+        f"\nWarning: in {share:.1%} of the picture two objects coincide, such as {one!r} and "
+        f"{other!r}, and rounding decides which is seen; move one by a few millimetres."
     )
 
 
@@ -156,12 +156,12 @@ def bands(args):
         for name, f in (("these", best), (f"{args.n} side by side", equidistant))
     ]
     lines += [
-        "material: what stays unknown of it; sigma of T: the least error; loss: what stays unknown",
+        "material: its remaining uncertainty; sigma of T: the least error; loss: the uncertainty",
         "of both; less is better. A wider filter lets in more light, so its NETD is lower. On",
-        "path-traced scenes of outdoors filters side by side do as well from four on.",
+        "path-traced outdoor scenes, four or more filters side by side do as well.",
     ]
     if args.out is not None:
-        lines.append(f"{args.out}: for simulate --bands, with --netd {best.netd_k:.3g}.")
+        lines.append(f"{args.out}: use with simulate --bands and --netd {best.netd_k:.3g}.")
     return "\n".join(lines), {
         "command": "bands", "file": args.out, "designed": best._asdict(),
         "equidistant": equidistant._asdict(),
@@ -184,7 +184,7 @@ def library_show(args):
     lines = [f"{args.name}: {library.descriptions[i]}", "wavelength (um)  emissivity"]
     lines += [f"{w:15.3f}  {e:.4f}" for w, e in curve[::step]]
     if step > 1:
-        lines.append(f"One of {step} each is shown; --json has all {len(curve)}.")
+        lines.append(f"One row in {step} is shown; --json has all {len(curve)}.")
     return "\n".join(lines), {
         "command": "library show", "name": args.name, "description": library.descriptions[i],
         "hue_deg": library.hue_deg[i], "wavelength_um": library.wavelength_um,
@@ -260,7 +260,7 @@ def finetune(args):
     from .files.weights import load_network, save_network
 
     if args.cubes and args.scenes is not None:
-        raise InputError("--cubes are all that is trained on; leave out --scenes.")
+        raise InputError("--cubes: training uses these cubes only; leave out --scenes.")
     check_writable(args.out, args.library, args.model, *args.cubes, suffix=".safetensors")
     library = MaterialLibrary.load(args.library)
     cubes = [read_cube(path) for path in args.cubes]
@@ -278,11 +278,12 @@ def finetune(args):
     lines = [_scores(f"{on}, before", before), _scores("after", after)]
     if cubes:
         lines.append(
-            "All is what it answered to all bands before, no truth: compare on a cube with one."
+            "The reference is its own earlier answer from all bands, no truth: compare on a cube "
+            "with one."
         )
     elif after["cross_entropy"] > before["cross_entropy"]:
         lines.append(
-            "Worse than before, by cross entropy: keep the model that it started from, or train "
+            "The cross entropy is worse than before: keep the model that it started from, or train "
             "for longer."
         )
     if history["sky"] != "the library's":
@@ -320,7 +321,7 @@ def _resumable(where):
         with progress_bar() as report:
             yield report
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"stopped; the same command goes on {where}.") from None
+        raise KeyboardInterrupt(f"stopped; run the same command again to resume {where}.") from None
 
 
 def _scores(what, m):
@@ -347,7 +348,7 @@ def export(args):
         ) from e
     export_onnx(network, history, args.out)
     size = args.out.stat().st_size
-    text = f"{args.out}: {args.model} and all that answers a cube with it, {size / 1e6:.1f} MB."
+    text = f"{args.out}: {args.model} and all that decomposes a cube with it, {size / 1e6:.1f} MB."
     return text, {"command": "export", "model": args.model, "file": args.out, "bytes": size}
 
 

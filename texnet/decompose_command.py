@@ -138,7 +138,7 @@ def _metrics(d, pictures, truth):
 def _runner(method, model, device):
     """What runs the network: ONNX Runtime for net+sgd; torch for other weights, net and GPUs."""
     if device != "cpu" and method not in NETS:
-        raise InputError(f"--device: {method} runs on the CPU alone; take --method net+sgd.")
+        raise InputError(f"--device: {method} runs on the CPU only; take --method net+sgd.")
     if method not in NETS:
         if model is not None:
             raise InputError(f"--model: {method} uses no network; take --method net+sgd.")
@@ -149,9 +149,9 @@ def _runner(method, model, device):
 
         return torch_model(load_network(model)[0], device=device)
     if model is not None and method == "net":
-        raise InputError(f"--model: {model} holds net+sgd; net alone needs .safetensors.")
+        raise InputError(f"--model: {model} runs net+sgd only; --method net needs .safetensors.")
     if model is not None and device != "cpu":
-        raise InputError(f"--model: {model} runs on the CPU alone; give .safetensors.")
+        raise InputError(f"--model: {model} runs on the CPU only; give .safetensors.")
     if device != "cpu":
         from .learned import torch_model
 

@@ -109,7 +109,7 @@ def comparison_figure(decomposition, pictures, truth, path):
     components = [stretch(c, ~d.dead) for c in pictures["principal_components"]]
     shown = {  # title, picture
         "panchromatic": ("thermal, all bands", np.dstack([stretch(raw, ~d.dead)] * 3)),
-        "clahe": ("CLAHE of it", np.dstack([equalised] * 3)),
+        "clahe": ("CLAHE of all bands", np.dstack([equalised] * 3)),
         "principal_components": ("3 principal components", np.dstack(components)),
         "tex_vision": ("TeX vision", tex_vision(d)),
     }
@@ -124,7 +124,7 @@ def comparison_figure(decomposition, pictures, truth, path):
         _bare(ax, title if np.isnan(r) else f"{title}\ntexture correlation {r:.2f}")
         ax.imshow(np.where(blank[..., None], 0, picture), aspect=_aspect(picture))
     if truth is not None:
-        _bare(axes[1, 1], "the same by day (truth)")
+        _bare(axes[1, 1], "the scene by day (truth)")
         axes[1, 1].imshow(daylight_srgb(truth), aspect=_aspect(blank))
         _show_materials(axes[1, 2], "material (estimated)", d, hues, blank)
     _save(fig, path)
@@ -158,7 +158,7 @@ def _lighting(d, ground):
     if not d.sky:
         return "largest lighting factor V", "viridis", _on(ground, d.thermal_lighting.max(axis=0))
     by_sky = d.thermal_lighting[list(d.sky)].sum(axis=0)
-    return "lighting by the sky V", "viridis", _on(ground, by_sky)
+    return "lighting factor V of the sky", "viridis", _on(ground, by_sky)
 
 
 def _texture_title(d):

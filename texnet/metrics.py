@@ -40,8 +40,8 @@ def evaluate(decomposition, truth):
     d, texture = decomposition, texture_at(truth, decomposition.wavelength_um)
     if d.texture.shape != texture.shape:
         raise InputError(
-            f"metrics: the cube has {d.texture.shape} bands, height, width "
-            f"but its truth {texture.shape} at these bands."
+            f"metrics: (bands, height, width) is {d.texture.shape} in the decomposition, but its "
+            f"truth has {texture.shape} at these bands."
         )
     seen = ~d.dead
     ground = non_sky(truth) & seen

@@ -214,9 +214,7 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k, mod
     if environment is not None:
         environment.check_bands(cube.wavelength_um)
         if k is not None:
-            raise InputError(
-                "decompose: the environment that is given has its own k; leave that out."
-            )
+            raise InputError("decompose: the environment that is given has its own k; leave out k.")
     if method not in METHODS:
         raise InputError(f"decompose: method must be one of {', '.join(METHODS)}, got {method!r}.")
     if model is not None and method not in NETS:
@@ -228,8 +226,8 @@ def _check(cube, library, environment, method, k, seed, calibration_error_k, mod
         )
     if method == "net" and model and "refined" not in signature(model).parameters:
         raise InputError(
-            "decompose: model holds net+sgd alone; net needs one that takes refined=False, as "
-            "texnet.learned.torch_model makes it."
+            "decompose: model runs net+sgd only; net needs one that takes refined=False, as "
+            "texnet.learned.torch_model makes."
         )
     if not (k is None or _whole(k, 1, MOST_OBJECTS) or isinstance(k, str) and k == "auto"):
         raise InputError(

@@ -5,7 +5,7 @@ import sys
 import time
 from contextlib import contextmanager
 
-COMPILING = "compiling, for the first time only"
+COMPILING = "compiling (first run only)"
 
 
 class Laps:

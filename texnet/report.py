@@ -105,11 +105,11 @@ def numbers_of(d, cube, objects=()):
 
 def _of_pixels(saturated, dead, hot):
     if saturated:
-        yield f"Saturated    {_percent(saturated)} of the pixels: unknown, and T a lower bound"
+        yield f"Saturated    {_percent(saturated)} of the pixels: unknown, T is a lower bound"
     if dead:
         yield f"Dead         {_percent(dead)} of the pixels were not measured: unknown"
     if hot:
-        yield f"Hot          {_percent(hot)} of the pixels, far above the rest: solved apart"
+        yield f"Hot          {_percent(hot)} of the pixels, far hotter than the rest: solved apart"
 
 
 def _percent(share):
@@ -128,9 +128,9 @@ def _netd(r):
     if round(1e3 * taken) == round(1e3 * own):
         return netd
     maybe = "library, calibration, environment?" if r["environment"] else "library, calibration?"
-    why = f"at less no material fits ({maybe})"
+    why = f"with less noise no material fits ({maybe})"
     if taken < 1.001 * LEAST_NETD_K:
-        why = "the model of the surroundings is no better"
+        why = "the model of the surroundings is no more accurate"
     return f"{netd}, taken for {1e3 * taken:.0f} mK: {why}"
 
 
@@ -141,8 +141,8 @@ def _of_objects(k, chosen, given, bands):
         yield f"Objects      k = {k}, as given{names}"
         if given["error_k"]:
             yield (
-                f"Environment  likely about {given['error_k']:.0f} K off, or it lacks objects, by "
-                "what fits: T and its sigma take that into account"
+                f"Environment  likely about {given['error_k']:.0f} K off, or lacking objects, "
+                "judging by the fit: T and its sigma take that into account"
             )
         return
     yield f"Objects      k = {k}{', chosen' if chosen else ''}"
@@ -150,10 +150,10 @@ def _of_objects(k, chosen, given, bands):
         wrong = WRONG[max(n for n in WRONG if n <= bands)]
         apart = ""
         if k >= bands:
-            apart = f"; nor do they tell {k} objects apart: V leans on what is usual"
+            apart = f"; nor can they tell {k} objects apart: V relies on the prior"
         yield (
-            f"Few bands    with {bands}, {wrong} of the pixels got a wrong material in simulated "
-            f"scenes, and up to two thirds of these were not marked unknown{apart}"
+            f"Few bands    with {bands} bands, {wrong} of the pixels got a wrong material in "
+            f"simulated scenes, and up to two thirds of these were not marked unknown{apart}"
         )
 
 
@@ -165,45 +165,46 @@ def _corrections(r):
     half = r["brightness_k"]
     if not USUAL_K[0] <= half <= USUAL_K[1]:
         looks = "colder" if half < USUAL_K[0] else "warmer"
-        yield f"Suspicious   half of it looks {looks} than {half:.0f} K: check the unit"
+        yield f"Suspicious   half of the cube looks {looks} than {half:.0f} K: check the unit"
     if r["uneven_k"]:
         yield (
-            f"Uneven       by {r['uneven_k']:.0f} K in brightness temperature, even where bands "
-            "differ least, as in pictures of metal or the sky alone: check unit, interleave, byte "
-            "order"
+            f"Uneven       bands differ by {r['uneven_k']:.0f} K in brightness temperature even "
+            "where they differ least, as in pictures of only metal or sky: check unit, interleave, "
+            "byte order"
         )
     for band in r["left_out"]:
         yield f"Left out     {band['wavelength_um']:.4g} um: {band['why']}"
     if shift := r["spectral_shift_um"]:
         yield (
-            f"Wavelengths  {abs(shift):.3g} um {'less' if shift > 0 else 'more'} than stated, by "
-            "the sky's ozone and by what fits"
+            f"Wavelengths  {abs(shift):.3g} um {'less' if shift > 0 else 'more'} than stated, "
+            "judging by the sky's ozone and the fit"
         )
-    without = "by what fits: all results are corrected for it"
+    without = "judging by the fit: all results are corrected for it"
     if off := r["gain"] - 1 or r["offset_k"]:
         much = f"{abs(off):.1%}" if r["gain"] != 1 else f"{abs(off):.1f} K at 300 K"
         yield f"Calibration  radiance {much} too {'high' if off > 0 else 'low'}, {without}"
     if off := np.std(r["band_gains"]):
-        yield f"Bands        off among each other by {off:.2%}, {without}"
+        yield f"Bands        gains differ among bands by {off:.2%}, {without}"
     if error := r["curve_error"]:
-        unless = ", unless the environment is," if r["environment"] else ","
+        unless = ", unless the environment is off," if r["environment"] else ","
         yield (
-            f"Library      likely off by {error:.2g} in emissivity or more{unless} by what fits: "
-            "T, its sigma and the materials allow for that"
+            f"Library      likely off by {error:.2g} in emissivity or more{unless} judging by the "
+            "fit: T, its sigma and the materials allow for that"
         )
     if error := r["calibration_error_k"]:
-        yield f"Calibration  {error:g} K at 300 K uncertain, as stated: sigma holds that"
+        yield f"Calibration  uncertain by {error:g} K at 300 K, as stated: sigma includes that"
     if error := r["suspected_error_k"]:
         yield (
-            f"Suspected    a gain, an offset or air before the camera, not sure enough to be taken "
-            f"out: T may be off by {error:.2g} K, which sigma holds"
+            f"Suspected    a gain, an offset or air in front of the camera, too uncertain to "
+            f"correct: T may be off by {error:.2g} K, which sigma includes"
         )
     if metres := r["air_m"]:
         yield (
-            f"Air          {metres:.0f} m of {r['air_k']:.0f} K before the camera, by what fits, "
-            "and as much as distance_m says before each pixel: all results are corrected for it; "
-            f"any band may absorb {r['air_error']:.0%} otherwise than in usual air, and T be off "
-            f"by {r['air_error_k']:.2g} K for that, which sigma holds"
+            f"Air          {metres:.0f} m of {r['air_k']:.0f} K in front of the camera, "
+            "judging by the fit, and in front of each pixel as much as distance_m says: all "
+            "results are corrected for it; absorption in any band may differ by "
+            f"{r['air_error']:.0%} from that of usual air, so that T may be off by "
+            f"{r['air_error_k']:.2g} K, which sigma includes"
         )
 
 
@@ -234,14 +235,14 @@ def _of_sky(r):
         )
     elif r["sky_assumed"]:
         yield (
-            "Sky          none in view: a usual clear one is assumed, with which the pixels are "
-            "likelier (from above that is right, once the air below is removed; else is it in the "
-            "picture, clear, at its top?)"
+            "Sky          none in view: a usual clear one is assumed, which makes the pixels "
+            "likelier (for views from above that is right, once the air below is removed; "
+            "otherwise check that the top of the picture shows clear sky)"
         )
     elif not r["sky_in_view"]:
         yield (
-            f"Sky          none in view: {instead}. Outdoors that is wrong: is the picture upside "
-            "down, a low cloud all over the sky or no sky in it, the unit another?"
+            f"Sky          none in view: {instead}. Outdoors that is wrong: check that the picture "
+            "is not upside down, its unit is right, and it shows sky that low cloud does not cover"
         )
     elif not r["sky_objects"]:
-        yield f"Sky          no object of k = 1 stands for it: {instead}"
+        yield f"Sky          with k = 1 no object stands for it: {instead}"

@@ -66,7 +66,7 @@ class Runtime:
         except (KeyError, ValueError) as e:
             raise InputError(f"model: cannot read {path}: {BROKEN}.") from e
         if self.about.get("format") != FORMAT:
-            raise InputError(f"model: {path} is of another texnet; export its weights again.")
+            raise InputError(f"model: {path} is of another version of texnet; export it again.")
 
     def run(self, radiance, known, progress=None, expected=None, regions=None):
         """Answer a cube -> dict of maps (..., height, width) by name; see about["meaning"].

@@ -65,8 +65,8 @@ def finetune(
     check_device(device)
     if len(library) < 2:
         raise InputError(
-            "library: the network chooses between materials and needs two, of which the sky may be "
-            f"one; it holds {library.names[0]} alone."
+            "library: the network chooses between materials and needs two (one may be the sky); it "
+            f"holds only {library.names[0]}."
         )
     network = copy.deepcopy(network).train()
     start = time.perf_counter()

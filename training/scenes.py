@@ -199,7 +199,7 @@ def loaded(kind, path):
         if not path.exists():
             raise
         words = str(e).removesuffix(".")
-        raise InputError(f"{words}; delete it, and the same command makes it anew.") from e
+        raise InputError(f"{words}; delete it and run the same command to remake it.") from e
 
 
 def scene_of(seed):
@@ -281,7 +281,7 @@ def _in_processes(scenes, missing, workers):
                 except (EOFError, ConnectionError) as e:
                     raise InputError(
                         "scenes: a worker died; is there enough memory, and does a script that "
-                        'makes scenes begin with if __name__ == "__main__"?'
+                        'makes scenes guard its code by if __name__ == "__main__"?'
                     ) from e
                 if error is not None:
                     raise error

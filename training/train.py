@@ -296,8 +296,8 @@ def fit(
         if not re.search(r"DataLoader worker \(pid|shared memory", f"{e} {e.__context__}"):
             raise
         raise InputError(
-            "training: a worker died, or shared memory (/dev/shm) was too small for a cube; is "
-            "there enough memory? The same command goes on."
+            "training: a worker died, or shared memory (/dev/shm) was too small for a cube; free "
+            "memory and run the same command again to resume."
         ) from e
     except SystemExit as e:
         if not isinstance(e.__context__, KeyboardInterrupt):
@@ -318,7 +318,7 @@ def _epoch_of(checkpoint):
     try:
         return torch.load(checkpoint, weights_only=True)["epoch"]
     except Exception as e:  # torch raises all kinds
-        raise InputError(f"training: {checkpoint} is damaged; delete it to begin anew.") from e
+        raise InputError(f"training: {checkpoint} is damaged; delete it to start again.") from e
 
 
 def quiet():

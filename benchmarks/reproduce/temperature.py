@@ -146,7 +146,7 @@ def _draw(scores, scored, truth, answer, path):
     common.show(axes[0, 1], daylight_srgb(truth), "by day (truth)", caption["daylight"])
     for ax, name, title in (
         (axes[0, 2], "thermal", "raw thermal, 8-14 µm"),
-        (axes[0, 3], "clahe", "CLAHE of it"),
+        (axes[0, 3], "clahe", "CLAHE of all bands"),
         (axes[1, 0], "principal components", "best principal component"),
     ):
         norm = common.between(scored[name][ground])

@@ -81,12 +81,12 @@ def dead_pixels(radiance, wavelength_um, stated=False):
         b = np.flatnonzero(share > FEW if half > FEW else (share > 0) & (share <= FEW))[0]
         row, column = np.argwhere(_bad(radiance[b], limit[b]) & ~empty)[0]
         raise Implausible(
-            f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero or negative, NaN or "
-            f"infinite, or hotter than {HOTTEST_K:.0f} K), the first at {wavelength_um[b]:.5g} um, "
+            f"cube: {max(half, dead_of_them):.0%} of its pixels are dead (zero, negative, NaN, "
+            f"infinite or hotter than {HOTTEST_K:.0f} K), the first at {wavelength_um[b]:.5g} um, "
             f"row {row}, column {column} ({radiance[b, row, column]:.4g}), and at most {FEW:.0%} "
-            "may be, but for those that hold nothing in any band; cut edges off, leave bands out, "
-            "check interleave, byte order, lines, samples and the calibration, or make what stands "
-            "for no measurement NaN (ENVI: data ignore value)."
+            "may be, not counting those without data in any band; cut edges off, leave bands out, "
+            "check interleave, byte order, lines, samples and the calibration, or set missing "
+            "values to NaN (ENVI: data ignore value)."
         )
     return dead, share > FEW, misleads
 

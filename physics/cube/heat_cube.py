@@ -23,7 +23,7 @@ LEAST_NETD_K = 0.02
 def numbers(values, what):
     """values as an array of real numbers; InputError, which starts with what, if they are not."""
     if np.ma.is_masked(values):
-        raise InputError(f"{what} must not be masked anywhere: fill it, or cut the part out.")
+        raise InputError(f"{what} must not be masked anywhere; fill masked values or crop them.")
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths
@@ -110,8 +110,8 @@ class HeatCube(ReadOnly):
             raise InputError(f"cube: radiance must be (bands, height, width), got {s.shape}.")
         if s.shape[0] != w.size:
             raise InputError(
-                f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; "
-                "give one wavelength per band, bands first (texnet import --unit turns such files)."
+                f"cube: {s.shape[0]} bands of radiance but {w.size} wavelengths; give one "
+                "wavelength per band, bands first (texnet import --unit converts such files)."
             )
         stated = np.zeros(s.shape[1:], bool) if self.dead is None else np.asarray(self.dead)
         if stated.shape != s.shape[1:] or stated.dtype != bool or stated.all():
@@ -127,7 +127,7 @@ class HeatCube(ReadOnly):
             raise Implausible(
                 f"cube: half of it looks {'hotter' if typical_k > high else 'colder'} than "
                 f"{typical_k:.0f} K; give radiance in W m-2 sr-1 um-1 (1 microflick is 0.01 of "
-                "it), as texnet import --unit makes it."
+                "it), as texnet import --unit does."
             )
         width = np.zeros_like(w)
         if self.fwhm_um is not None:

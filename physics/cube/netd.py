@@ -56,9 +56,9 @@ def estimated_netd(cube):
         noise = _of_components(cube.sample(SAMPLES)[:, shows] / in_k)
     if noise is None:
         raise InputError(
-            "cube: its NETD is not known; to estimate it takes twice as many measured pixels as "
-            "bands, or of one band three of them in a column; state it, as netd_k in an npz file "
-            "or by import --netd."
+            "cube: its NETD is not known, and estimating it needs twice as many measured pixels as "
+            "bands, or three in a column for one band; state it as netd_k in an npz file or by "
+            "texnet import --netd."
         )
     return noise
 

@@ -36,7 +36,7 @@ def zeros(shape, dtype):
     except OSError as e:
         raise InputError(
             f"no room for {size / 1e9:.1f} GB in the folder for temporary files, "
-            f"{tempfile.gettempdir()} ({e.strerror}); set TMPDIR to another."
+            f"{tempfile.gettempdir()} ({e.strerror}); set TMPDIR to another folder."
         ) from e
     _OURS.add(array._mmap)
     return array

@@ -49,9 +49,9 @@ class SceneObject:
                 f"{MAX_M:g} m."
             )
         if self.mesh.faces.min() < 0 or self.mesh.faces.max() >= n:
-            raise InputError(f"scene: object {label!r} has triangles of vertices it does not have.")
+            raise InputError(f"scene: object {label!r} refers to vertices it does not have.")
         if not 0 <= self.mirror <= 1:
-            raise InputError(f"scene: object {label!r} needs mirror 0-1, got {self.mirror}.")
+            raise InputError(f"scene: object {label!r} must have mirror 0-1, got {self.mirror}.")
         t = np.asarray(self.temperature_k, dtype=np.float64)
         if t.shape not in ((), (n,)) or not ((t > 1) & (t < 2000)).all():
             reach = f"; it has {t.min():g} to {t.max():g}" if t.size else ""

@@ -145,7 +145,7 @@ def _object(data, index, folder, eye):
     if data.get("smooth") and not built.mesh.is_winding_consistent:
         raise InputError(
             f"scene: {label}: its triangles are wound both ways, so that normals cannot be "
-            "interpolated; wind them alike, or take smooth false."
+            "interpolated; wind them consistently, or set smooth to false."
         )
     coldest = built.temperature_k.min()
     if coldest < CELSIUS_K:
@@ -189,7 +189,7 @@ def _mesh(data, label, folder):
         return m
     if not isinstance(data, dict) or data.get("shape") not in tuple(SHAPES):
         shapes = ", ".join(SHAPES)
-        raise InputError(f"scene: {label}: mesh must be a file or have a shape out of {shapes}.")
+        raise InputError(f"scene: {label}: mesh must be a file or have a shape from {shapes}.")
     dimensions, make = SHAPES[data["shape"]]
     _keys(data, f"{label} mesh", ("shape", *dimensions), ())
     given = {k: _numbers(data[k], n, f"{label} {k}") for k, n in dimensions.items()}
@@ -296,7 +296,7 @@ def _of_polygons(vertices, polygons, first):
     for corners in polygons.values():
         for wrong in (np.min(corners), np.max(corners)):
             if not 0 <= wrong < len(vertices):
-                raise ValueError(f"a face has vertex {wrong + first} of {len(vertices)}")
+                raise ValueError(f"a face refers to vertex {wrong + first} of {len(vertices)}")
     faces = [_fans(vertices, np.array(corners), first) for corners in polygons.values()]
     return trimesh.Trimesh(vertices, np.concatenate([np.empty((0, 3), int), *faces]), process=False)
 
@@ -319,7 +319,7 @@ def _fans(vertices, corners, number):
         left = np.roll(left[~covers], -1, axis=1)
     if len(left):
         named = " ".join(str(i + number) for i in left[0])
-        raise ValueError(f"the face of vertices {named} is no fan of triangles: export triangles")
+        raise ValueError(f"the face of vertices {named} is no fan of triangles; export triangles")
     return np.concatenate(fans)
 
 

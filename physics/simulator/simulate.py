@@ -43,7 +43,7 @@ def simulate(
         low, high = library.wavelength_um[[0, -1]]
         raise InputError(
             f"bands: they reach from {first:.4g} to {last:.4g} um, but the library's curves from "
-            f"{low:g} to {high:g}; take bands within."
+            f"{low:g} to {high:g} um; use bands within these."
         )
     fine_um = np.unique(bands.fine_um)
     # The roulette need not heed what the curves do outside the bands.

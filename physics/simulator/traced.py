@@ -152,7 +152,7 @@ class TracedScene:
             low, high = TYPICAL_K
             raise InputError(
                 f"scene: half of the picture looks colder than {low:g} K or hotter than {high:g}, "
-                "which no heat cube may; change temperatures or the view."
+                "which a heat cube may not; change temperatures or the view."
             ) from e
 
     def _kinds(self, library, materials):
@@ -161,7 +161,7 @@ class TracedScene:
             materials = {name: name for name in self.materials}
         missing = [name for name in self.materials if name not in materials]
         if missing:
-            raise InputError(f"simulate: nothing stands for the scene's {', '.join(missing)}.")
+            raise InputError(f"simulate: materials lacks the scene's {', '.join(missing)}.")
         return np.array([library.index(materials[name]) for name in self.materials])
 
     def save(self, path):

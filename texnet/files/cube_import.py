@@ -84,7 +84,7 @@ def import_cube(
         what = "is a folder" if os.path.isdir(path) else "does not exist"
         raise InputError(f"cube: {path} {what}; give a file.")
     if unit is not None and (unit := unit_of(str(said := unit))) is None:
-        raise InputError(f"cube: {said!r} is no unit that is known; use {', '.join(UNIT_NAMES)}.")
+        raise InputError(f"cube: {said!r} is not a known unit; use {', '.join(UNIT_NAMES)}.")
     wavelengths_um = _pair(wavelengths_um, "wavelengths_um")
     wavenumbers_cm1 = _pair(wavenumbers_cm1, "wavenumbers_cm1")
     range_um = _pair(range_um, "range_um")
@@ -111,7 +111,7 @@ def import_cube(
             if TEMPERATURE.search(raw.unit_said):
                 raise InputError(
                     f"cube: {path} {says}: if these are brightness temperatures in K, give --unit "
-                    "K; else take the radiance that they were made of, in which materials differ."
+                    "K; else use the radiance that they were made from, in which materials differ."
                 )
             raise InputError(f"cube: {path} {says}; give --unit, one of {', '.join(UNIT_NAMES)}.")
         cube, note = heat_cube(raw._replace(unit=unit or raw.unit), netd_k, progress)
@@ -143,7 +143,7 @@ def _read(path, unit):
     if kind == ".hdr" or header_of(path):
         return read_envi(path)
     raise InputError(
-        f"cube: {path.name} is no cube file that is known here; use ENVI (its .hdr must lie beside "
+        f"cube: {path.name} is not a known kind of cube file; use ENVI (its .hdr must lie beside "
         "it), .mat, .npz or .npy."
     )
 
@@ -255,7 +255,7 @@ def _in_order(arrays):
 
 
 # if the axis order is ambiguous
-OTHERWISE = "; leave out a row, or save it as .npz, as radiance, bands first, and wavelength_um"
+OTHERWISE = "; leave out a row, or save it as .npz with radiance (bands first) and wavelength_um"
 
 
 def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
@@ -266,8 +266,8 @@ def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
     found = {key: arrays[key].ravel() for key in WAVELENGTH if key in arrays}
     if cube is None or not found:
         raise InputError(
-            f"cube: {path} must hold a cube ({', '.join(CUBE)}, or, of HADAR, S) and, but for "
-            f"HADAR, its wavelengths in um ({', '.join(WAVELENGTH)}); it holds "
+            f"cube: {path} must hold a cube ({', '.join(CUBE)}, or HADAR's S) and, unless it is "
+            f"HADAR's, its wavelengths in um ({', '.join(WAVELENGTH)}); it holds "
             f"{', '.join(held) or 'nothing'}."
         )
     listed = None
@@ -282,7 +282,7 @@ def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
         both = s is not None and s.ndim == 3 and s.shape[0] == w.size
         raise InputError(
             f"cube: {cube} in {path} is {shape}, so that its {w.size} bands ({wavelength}) "
-            f"{'may be' if both else 'are not'} either its first axis or its last"
+            f"{'may be its first axis or' if both else 'are neither its first axis nor'} its last"
             f"{both * OTHERWISE}."
         )
     width, netd = _first(WIDTH, arrays), _known(NETD, arrays, path)
@@ -308,7 +308,7 @@ def _tex1500(path, held, arrays, load, ours=False, cubes=CUBE):
 
         if fwhm is not None and fwhm.size == w.size:
             fwhm = of_all(fwhm)
-        w, words = of_all(w), [*words, f"{wavelength} is of these alone"]
+        w, words = of_all(w), [*words, f"{wavelength} lists only these"]
     if fwhm is not None:
         fwhm = np.broadcast_to(fwhm, len(s))
     what = "npz" if ours else f"TeX-1500 {path.suffix}"
@@ -367,7 +367,7 @@ def _good_bands(listed, key, bands):
     doubt = ""
     if count_from == 0 and 0 not in listed:
         doubt = (
-            f"if {key} counts from 1, as MATLAB does, every band is one off; subtract 1 from it."
+            f"if {key} counts from 1, as MATLAB does, every band is off by one; subtract 1 from it."
         )
     return good, [f"{key} counts from {count_from}"], doubt
 

@@ -127,8 +127,8 @@ def _format(path):
     if path.suffix.lower() not in _FORMATS:
         kinds = " or ".join(_FORMATS)
         raise InputError(
-            f"cube: {path} is no cube file that is known here; use {kinds} (texnet import "
-            "makes one of ENVI, .mat, .npy)."
+            f"cube: {path} is not a known kind of cube file; use {kinds} (texnet import "
+            "converts ENVI, .mat and .npy)."
         )
     if path.suffix.lower() == ".exr":
         check_exr_name(path)
@@ -301,7 +301,9 @@ def _read_exr(path):
         )
     names = sorted(bands, key=bands.get)
     if len({(channels[name].xSampling, channels[name].ySampling) for name in names}) > 1:
-        raise InputError(f"cube: the bands of {path} differ in size (subsampled channels).")
+        raise InputError(
+            f"cube: the bands of {path} differ in size (subsampled channels); save them alike."
+        )
     to_per_um = np.float32(_to_per_um(header, path))
     return HeatCube(
         _scanlines(path, names, header["dataWindow"], to_per_um),

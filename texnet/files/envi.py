@@ -66,7 +66,7 @@ def read_envi(path):
     words, band = [], header.whole("lines") * header.whole("samples") * dtype.itemsize
     if unread:
         more = (
-            f", as much as {unread // band} more bands: is bands right?" if unread >= band else ""
+            f", enough for {unread // band} more bands: is bands right?" if unread >= band else ""
         )
         words = [f"{unread} bytes after the last pixel left unread{more}"]
     gain, offset, scaled = _scale(header, bands)
@@ -163,8 +163,8 @@ def _binary_of(header, of):
         names = " and ".join(p.name for p in found)
         raise InputError(f"{of}: {header} may belong to {names}; give the name of its binary.")
     raise InputError(
-        f"{of}: there is no {header.stem} or {header.stem}.dat beside {header}; if its binary is "
-        "called otherwise, give that one's name."
+        f"{of}: there is no {header.stem} or {header.stem}.dat beside {header}; if its binary has "
+        "another name, give that."
     )
 
 
@@ -182,7 +182,7 @@ def _numbers(header, binary, kinds):
     interleave = header.word("interleave").lower()
     if kind not in DTYPES:
         raise header.error(
-            f"data type {kind} is no real number that is known; use {', '.join(map(str, DTYPES))}"
+            f"data type {kind} is not a known real type; use {', '.join(map(str, DTYPES))}"
         )
     if interleave not in ORDERS:
         raise header.error(f"interleave must be bsq, bil or bip, not {interleave[:60]!r}")
@@ -192,7 +192,7 @@ def _numbers(header, binary, kinds):
         raise header.error(f"file type must be {wanted}, not {file_type[:60]!r}")
     for key in ABSENT:
         if np.any(header.numbers(key)):
-            raise header.error(f"{key} is not known here; save the cube without")
+            raise header.error(f"{key} is not supported; save the cube without it")
     dtype = np.dtype(DTYPES[kind])
     order = header.whole("byte order", 0)  # the most common one
     if order > 1:
@@ -222,7 +222,7 @@ def _scale(header, bands):
         words = ["data gain and offset values applied"] * (gain is not None or offset is not None)
     elif gain is not None or offset is not None:
         raise header.error(
-            f"there are data gain or offset values and a {SCALE}; leave in what makes radiance"
+            f"there are data gain or offset values and a {SCALE}; keep those that make radiance"
         )
     elif factor[0] == 0:
         raise header.error(f"{SCALE} must not be 0")
@@ -283,7 +283,7 @@ class _Header:
         centre = centre[self.good(centre.size)]  # bad bands may have any value
         for axis, (low, high) in THERMAL.items():
             if low <= centre.min() and centre.max() <= high:
-                why = f"{said[:60]!r} is no unit that is known" if said else "their unit is missing"
+                why = f"{said[:60]!r} is not a known unit" if said else "their unit is missing"
                 return axis, [f"wavelengths taken to be in {axis}, since {why}"]
         return None, []
 

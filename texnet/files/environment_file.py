@@ -51,7 +51,7 @@ def read_environment(path, cube):
     for i, b in np.argwhere(radiance <= 0)[:1]:
         raise InputError(
             f"environment: {names[i]} of {path} is {radiance[i, b]:.3g} at {bands[b]:.4g} um, but "
-            "radiance is above 0."
+            "radiance must be above 0."
         )
     sky = tuple(i for i, name in enumerate(names) if name.lower().startswith(SKIES))
     if within is not None:
@@ -79,5 +79,5 @@ def _check_covers(w, cube, path):
         if end - start > ROUNDED_UM:
             raise InputError(
                 f"environment: {path} lacks {start:.4g}-{end:.4g} um; the bands need "
-                f"{low:.4g}-{high:.4g} um, rows at most {MAX_GAP_UM:g} um apart."
+                f"{low:.4g}-{high:.4g} um, with rows at most {MAX_GAP_UM:g} um apart."
             )

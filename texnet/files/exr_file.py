@@ -10,7 +10,7 @@ def check_exr_name(path):
     try:
         os.fspath(path).encode()
     except UnicodeEncodeError as e:
-        raise InputError(f"OpenEXR takes names in UTF-8 alone; rename {os.fspath(path)!a}.") from e
+        raise InputError(f"OpenEXR takes only UTF-8 names; rename {os.fspath(path)!a}.") from e
 
 
 def write_exr(header, channels, path):

@@ -65,8 +65,8 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
     kind = ".txt" if path.is_dir() else path.suffix.lower()
     if kind not in (".mat", ".json") and kind not in READERS:
         raise InputError(
-            f"library: {path.name} is no library file that is known here; use .mat, .csv, .hdr or "
-            ".sli of ENVI, .txt, or a folder of .txt, or .json to add or name a sky."
+            f"library: {path.name} is not a known kind of library file; use .mat, .csv, ENVI .hdr "
+            "or .sli, .txt, or a folder of .txt, or .json to add or name a sky."
         )
     if kind != ".mat" and (wavenumbers_cm1 is not None or names is not None):
         raise InputError(
@@ -88,7 +88,7 @@ def import_library(path, wavenumbers_cm1=None, names=None, sky=None, add_sky=Fal
         low, high = library.wavelength_um[[0, -1]]
         words_on_sky = [f"with the starter library's sky, {low:.4g}-{high:.4g} um in common"]
     elif SKY not in names:
-        words_on_sky = ["no material is the sky: name it by --sky, or give --add-sky"]
+        words_on_sky = ["no material is the sky: name it with --sky, or give --add-sky"]
     if kind != ".json":  # which has hues; others get them last, with room for the sky's
         library = replace(library, hue_deg=None)
     note = "; ".join([*words, *words_on_sky])
@@ -117,7 +117,7 @@ def _unusual(library):
     if np.median(mean) < DARK:
         return f"\nWarning: half of the curves are below {DARK}; are these reflectances, 1 - e?"
     if mean.min() > BRIGHT:
-        return f"\nWarning: all emissivities are above {BRIGHT} in the mean; are they in percent?"
+        return f"\nWarning: all emissivities are above {BRIGHT} on average; are they in percent?"
     for i, e in enumerate(library.emissivity[:-1], 1):
         same = np.abs(library.emissivity[i:] - e).max(axis=1) < SAME
         if same.any():
@@ -172,7 +172,7 @@ def _thermal(w, name):
         check_wavelength(w, "library")  # may know the intended unit
         raise InputError(
             f"library: {name} covers {w.min():.4g}-{w.max():.4g} um, with no two bands in "
-            f"{low:g}-{high:g} um; take another, unless its unit of wavelengths is stated wrongly."
+            f"{low:g}-{high:g} um; use another file, or correct its unit of wavelengths."
         )
     return inside
 
@@ -246,7 +246,7 @@ def _read_csv(path):
     inside = _thermal(w, path.name)
     if not inside.all():
         w, e = w[inside], e[:, inside]
-        words.append(f"those of {w[0]:.4g}-{w[-1]:.4g} um taken")
+        words.append(f"those of {w[0]:.4g}-{w[-1]:.4g} um kept")
     _check_gaps(w, path, f"give rows at most {MAX_GAP_UM:g} um apart")
     return names, w, e, [f"From {path.name}."] * len(names), words
 
@@ -274,7 +274,7 @@ def _read_envi(path):
     good = (np.abs(values) < DELETED).all(axis=1)  # False for NaN
     if not good.any():
         raise InputError(
-            f"library: no spectrum of {path.name} is whole from {w[0]:.4g} to {w[-1]:.4g} um."
+            f"library: no spectrum of {path.name} is complete from {w[0]:.4g} to {w[-1]:.4g} um."
         )
     percent = re.search("percent|%", said) and not spectra.scaled
     values = values * (0.01 if percent else 1.0)
@@ -285,10 +285,10 @@ def _read_envi(path):
         f"{w.size} bands, {w[0]:.4g}-{w[-1]:.4g} um{moved}",
     ]
     if spectra.bad:
-        words.append(f"{spectra.bad} that bbl calls bad left out")
+        words.append(f"{spectra.bad} bands left out that bbl calls bad")
     left = [name for name, there in zip(spectra.names, good, strict=True) if not there]
     if left:
-        words.append(f"left out, with bands that were deleted: {', '.join(left)}")
+        words.append(f"left out because of deleted bands: {', '.join(left)}")
     names = [name for name, there in zip(spectra.names, good, strict=True) if there]
     sources = [f"{name}, from {path.name}." for name in names]
     return _unique(names), w, e[good], sources, words
@@ -326,7 +326,7 @@ def _read_texts(path):
         refused |= {name: str(e) for name, e in others.items()}
     if refused:
         first, *more = refused
-        rest = f"; refused as well: {', '.join(more)}." if more else "."
+        rest = f"; also refused: {', '.join(more)}." if more else "."
         raise InputError(refused[first].removesuffix(".") + rest)
     files = [file for file in files if file.name not in others]
     low = max(w[0] for _, w, _, _ in spectra)
@@ -335,8 +335,8 @@ def _read_texts(path):
         late = files[int(np.argmax([w[0] for _, w, _, _ in spectra]))]
         early = files[int(np.argmin([w[-1] for _, w, _, _ in spectra]))]
         raise InputError(
-            f"library: {late.name} starts at {low:g} um, where {early.name} has ended "
-            f"({high:g} um); import them apart."
+            f"library: {late.name} starts at {low:g} um, beyond the end of {early.name} "
+            f"({high:g} um); import them separately."
         )
     inner = [w[(w > low) & (w < high)] for _, w, _, _ in spectra]
     grid = np.concatenate([[low], max(inner, key=len), [high]])
@@ -357,7 +357,7 @@ def _read_texts(path):
         names_of = [name for name, e in others.items() if e.lacks == lacks]
         words.append(f"no {lacks} in {', '.join(names_of)}: left out")
     if skipped:
-        words.append(f"{skipped} rows skipped that are no two positive numbers")
+        words.append(f"{skipped} rows skipped that are not two positive numbers")
     return names, grid, e, sources, words
 
 
@@ -395,7 +395,7 @@ def _read_text(path):
     name, x_units, y_units, measured = map(say, ("Name", "X Units", "Y Units", "Measurement"))
     if re.search(r"\bmicro|\b[uµμ]m\b", x_units, re.I) is None:
         raise InputError(
-            f"library: {path.name} has X Units {x_units!r}; only micrometers are known here."
+            f"library: {path.name} has X Units {x_units!r}; only micrometers are supported."
         )
     good = [row for row in pairs if row[0] > 0 and row[1] >= 0]  # negative: not measured
     # Instruments that meet at one wavelength both give it: take their mean.
@@ -459,7 +459,7 @@ def _named_sky(names, sky):
     if sky is None:
         return names, []
     if sky not in names:
-        raise InputError(f"library: no material {sky!r} to be the sky among {', '.join(names)}.")
+        raise InputError(f"library: there is no material {sky!r} among {', '.join(names)}.")
     if sky != SKY and SKY in names:
         raise InputError(f"library: it has a material {SKY!r} already; leave out --sky.")
     return [SKY if n == sky else n for n in names], [f"{sky!r} is the sky"]

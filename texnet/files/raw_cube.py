@@ -92,7 +92,8 @@ def part_of(raw, rows=None, columns=None, range_um=None):
             at = range(n)[part]
             if not at:
                 raise InputError(
-                    f"cube: it has no {what} {_said(part)}, but 0:{n}; FROM must be less than TO."
+                    f"cube: no {what} lie in {_said(part)}; it has 0:{n}, and FROM must be less "
+                    "than TO."
                 )
             every = f" in steps of {at.step}" * (at.step != 1)
             words.append(f"{what} {at[0]} to {at[-1]}{every} of 0 to {n - 1}")
@@ -134,7 +135,7 @@ def heat_cube(raw, netd_k=None, progress=None):
         said_of_bands.append("taken as narrow, since band widths are not stated (--fwhm)")
     else:
         if raw.response != BOX:
-            said_of_bands.append(f"their response {raw.response}")
+            said_of_bands.append(f"with response {raw.response}")
         fwhm = raw.fwhm[kept] / (1e4 / w**2 if raw.axis == "cm-1" else PER_UM[raw.axis])
     radiance, empty = _radiance(raw, kept, w, progress)
     words = [
@@ -151,7 +152,7 @@ def heat_cube(raw, netd_k=None, progress=None):
     cube = HeatCube(radiance, w, fwhm, netd_k, response=raw.response)
     if dead := int(np.count_nonzero(cube.dead)):
         share = f" ({dead / cube.dead.size:.0%})" if dead > 0.01 * cube.dead.size else ""
-        words.append(f"{dead} pixel{'s' * (dead > 1)}{share} without a measurement, to be unknown")
+        words.append(f"{dead} pixel{'s' * (dead > 1)}{share} without a measurement, marked unknown")
     return cube, "; ".join([*words, f"half of it is warmer than {half}"]) + "." + warning
 
 
@@ -182,8 +183,8 @@ def _kept_bands(raw, bands):
     low, high = THERMAL_UM
     if w.min() < low or w.max() > high:
         raise InputError(
-            f"cube: bands at {ends} leave {low:g}-{high:g} um; they must be in another unit (10 um "
-            "is 10000 nm or 1000 cm-1)."
+            f"cube: bands at {ends} are outside {low:g}-{high:g} um; they must be in another unit "
+            "(10 um is 10000 nm or 1000 cm-1)."
         )
     order, w, moved = ascending(centre, raw.axis, "cube")
     alike = raw.axis == "um" and not moved
@@ -248,7 +249,7 @@ def _radiance(raw, kept, w, progress):
             for band in radiance:
                 band[pixels] = np.nan
                 scratch.release(radiance)
-            words.append(f"{number} in every band taken for no measurement")
+            words.append(f"{number} in every band treated as no measurement")
     radiance.setflags(write=False)
     return radiance, words
 
@@ -296,7 +297,7 @@ def _typical_k(radiance, w, unit):
     for u, factor in UNITS.items():
         names.setdefault(factor, u)  # the first of two names of a unit
     fit = {u: t for u in names.values() if USUAL_K[0] <= (t := typical_k(u)) <= USUAL_K[1]}
-    fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no unit that is known fits"
+    fit = " or ".join(f"{t:.0f} K in {u}" for u, t in fit.items()) or "no known unit fits"
     cold = unit == KELVIN and here < TYPICAL_K[0]
     fit = f"{CELSIUS if cold else 'give the right --unit'} ({fit})."
     if TYPICAL_K[0] <= here <= TYPICAL_K[1]:
@@ -312,8 +313,8 @@ def _uneven(s, w):
         return ""
     return (
         f"\nWarning: even in the pixels where they differ least, bands differ by {differ:.0f} K in "
-        "brightness temperature, as in pictures of metal or the sky alone; are the order of axes "
-        "and bands (for .npy: bands first), interleave, byte order and unit right?"
+        "brightness temperature, as in pictures of only metal or sky; check the order of axes and "
+        "bands (for .npy: bands first), interleave, byte order and unit."
     )
 
 
@@ -323,6 +324,6 @@ def _like_kelvin(numbers):
     if not USUAL_K[0] <= half <= USUAL_K[1] or np.median(np.abs(numbers / half - 1)) > ALIKE:
         return ""
     return (
-        f"are its numbers, of about {half:.0f} and as alike in all bands, brightness temperatures "
+        f"are its numbers, of about {half:.0f} and similar in all bands, brightness temperatures "
         "in K? Then give --unit K."
     )

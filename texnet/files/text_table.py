@@ -41,7 +41,7 @@ def read_table(path, what, column):
     if not all(names):
         raise InputError(
             f"{what}: a column of {path} has no name in its header; name it, or, if it is empty, "
-            "delete it, or what its lines end with."
+            "delete it or the separator at the end of each line."
         )
     values = []
     for line, cells in rows[1:]:

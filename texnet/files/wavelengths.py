@@ -22,7 +22,7 @@ def ascending(x, unit, what):
     low, high = WAVENUMBERS_CM1
     if unit == "cm-1" and (x.min() < low or x.max() > high):
         raise InputError(
-            f"{what}: wavenumbers {x.min():g}-{x.max():g} leave {low:g}-{high:g} cm-1; "
+            f"{what}: wavenumbers {x.min():g}-{x.max():g} are outside {low:g}-{high:g} cm-1; "
             "give them in cm-1 (10 um is 1000 cm-1)."
         )
     w = in_um(x, unit)

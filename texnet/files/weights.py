@@ -16,7 +16,7 @@ def save_network(network, path, history):
     its weights are not all finite."""
     if not _finite(network):
         raise InputError(
-            f"cannot write {path}: training diverged, the weights are no numbers; take another "
+            f"cannot write {path}: training diverged, the weights are not finite; take another "
             "seed."
         )
     about = {"config": json.dumps(network.config), "history": json.dumps(history)}
@@ -39,7 +39,7 @@ def load_network(path):
             reason = e.strerror or "there is no such file, or it may not be read"
         raise InputError(f"model: cannot read {path}: {reason}.") from e
     if not _finite(network):
-        raise InputError(f"model: cannot use {path}: its weights are no numbers; train it anew.")
+        raise InputError(f"model: cannot use {path}: its weights are not finite; train it again.")
     return network.eval(), history
 
 
