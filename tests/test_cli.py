@@ -646,8 +646,8 @@ def test_a_user_s_style_of_plots_changes_nothing(tmp_path, cube):
 @pytest.mark.skipif(os.name != "posix", reason="names that are no text")
 def test_names_of_files_that_openexr_cannot_open(capfd, tmp_path, cube):
     name = os.fsdecode(os.fsencode(tmp_path) + b"/w\xfc")
-    assert "in UTF-8" in refused(capfd, "import", cube, "--out", f"{name}.exr")
-    assert "in UTF-8" in refused(capfd, "decompose", cube, "--out", name)
+    assert "only UTF-8 names" in refused(capfd, "import", cube, "--out", f"{name}.exr")
+    assert "only UTF-8 names" in refused(capfd, "decompose", cube, "--out", name)
     assert run(capfd, "import", cube, "--out", f"{name}.npz")[0] == 0
 
 
@@ -664,9 +664,7 @@ def test_json_of_editors_that_mark_it_as_utf_8(capfd, tmp_path):
     for file, start in ((bands, '{"wavelength_um": [1%s'), (library, '{"wavelength_um": [1%s')):
         file.write_text(start % (400 * "0") + "]}")
     assert "must be JSON with lists" in refused(capfd, *words)
-    assert "must be an object of wavelength_um" in refused(
-        capfd, "library", "list", "--library", library
-    )
+    assert "there is no 'materials'" in refused(capfd, "library", "list", "--library", library)
 
 
 def test_the_range_that_is_advised_is_one_that_the_library_covers(capfd, tmp_path):

@@ -1022,7 +1022,7 @@ def test_other_mistakes(tmp_path, capfd):
     path = envi(tmp_path / "c", -S)
     assert "zero, negative" in refused(capfd, path, "--out", out, *FLAGS)
     path = envi(tmp_path / "c", S)
-    assert "need above 0 K" in refused(capfd, path, "--out", out, *FLAGS, "--netd", "0")
+    assert "need more than 0 K" in refused(capfd, path, "--out", out, *FLAGS, "--netd", "0")
     (tmp_path / "b.truth.npz").write_bytes(b"of another scene")
     assert "be taken for the truth of" in refused(capfd, path, "--out", out, *FLAGS)
     assert not out.exists()

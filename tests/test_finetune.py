@@ -191,7 +191,7 @@ def test_a_library_of_part_of_the_bands(traced, cache):
 
 @pytest.mark.parametrize("name", [SKY, "sand"])
 def test_a_library_that_leaves_no_choice_is_refused(cache, name):
-    with pytest.raises(InputError, match=f"{name} alone"):
+    with pytest.raises(InputError, match=f"it holds only {name}"):
         finetune(network(), NEW.subset([name]), cache)
 
 
