@@ -20,7 +20,7 @@ from .by_tiles import by_tiles
 from .methods import ONNX
 
 AS_JSON = "history", "meaning", "library", "halo_px", "cell_px", "limits"
-FORMAT = "8"  # of the file; changes whenever the same weights answer differently, or more
+FORMAT = "9"  # of the file; changes whenever the same weights answer differently, or more
 BROKEN = "it is not an ONNX file that texnet wrote"
 
 
